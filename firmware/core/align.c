@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "align.h"
+
+#include "smallmat.h"
+
+#include <string.h>
+
+#define SAME_INSTANT_NS 1000       // closer than this, a sample is taken as it is
+#define RESTART_NS 1000000000LL    // a stamp further back than this starts the sensor again
+
+static int64_t to_ns(double seconds)
+{
+    return (int64_t)llround(1e9 * seconds);
+}
+
+void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
+{
+    memset(a, 0, sizeof *a);
+    a->n_cables = config->n_cables;
+    a->has_rpy = config->attitude_source == IPE_ATTITUDE_RPY;
+    a->position_source = config->position_source;
+    memcpy(a->fixed_position, config->fixed_position, sizeof a->fixed_position);
+    a->max_wait_ns = to_ns(config->max_wait);
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        a->max_age_ns[s] = to_ns(config->max_age[s]);
+        a->delay_ns[s] = to_ns(config->delay[s]);
+    }
+}
+
+static int64_t stamp(const ipe_ring_t* ring, uint64_t i)
+{
+    return ring->t_ns[i % IPE_RING];
+}
+
+static uint64_t oldest(const ipe_ring_t* ring)
+{
+    return ring->head > IPE_RING ? ring->head - IPE_RING : 0;
+}
+
+static ipe_status_t check_time(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    if (ring->head == 0 || t_ns > stamp(ring, ring->head - 1)) { return IPE_OK; }
+    if (stamp(ring, ring->head - 1) - t_ns > RESTART_NS) {
+        ++a->n_restarts[sensor];
+        ring->head = 0;
+        ring->cursor = 0;
+        return IPE_OK;
+    }
+    ++a->n_backwards[sensor];
+    return IPE_ERR_TIME;
+}
+
+/// Quaternion of the reading, normalised. False if it is not one.
+static bool read_attitude(const ipe_align_t* a, const double* value, double q[4])
+{
+    if (a->has_rpy) {
+        quat_from_rpy(value, q);
+        return true;
+    }
+    const double norm = sqrt(value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]);
+    for (int i = 0; i < 4; ++i) { q[i] = value[i] / norm; }
+    return fabs(norm - 1.0) < 0.1;
+}
+
+static ipe_status_t store(ipe_align_t* a, ipe_sensor_t sensor, const double* value)
+{
+    const uint64_t at = a->ring[sensor].head % IPE_RING;
+    if (sensor == IPE_FORCE) {
+        memcpy(a->force[at], value, sizeof(double) * (size_t)a->n_cables);
+    } else if (sensor == IPE_POSITION) {
+        memcpy(a->position[at], value, sizeof(double) * 3);
+    } else {
+        double q[4];
+        if (!read_attitude(a, value + 6, q)) {
+            ++a->n_bad_quaternion;
+            return IPE_ERR_RANGE;
+        }
+        memcpy(a->imu[at], value, sizeof(double) * 6);
+        memcpy(a->imu[at] + 6, q, sizeof q);
+    }
+    return IPE_OK;
+}
+
+static size_t width(const ipe_align_t* a, ipe_sensor_t sensor)
+{
+    return sensor == IPE_FORCE ? (size_t)a->n_cables : sensor == IPE_POSITION ? 3U : a->has_rpy ? 9U : 10U;
+}
+
+ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+{
+    if (!all_finite(value, width(a, sensor))) {
+        ++a->n_nonfinite[sensor];
+        return IPE_ERR_NONFINITE;
+    }
+    const int64_t instant = t_ns - a->delay_ns[sensor];
+    ipe_status_t status = check_time(a, sensor, instant);
+    if (status == IPE_OK) { status = store(a, sensor, value); }
+    if (status != IPE_OK) { return status; }
+    ipe_ring_t* ring = &a->ring[sensor];
+    ring->t_ns[ring->head % IPE_RING] = instant;
+    ++ring->head;
+    ++a->n_samples[sensor];
+    if (sensor == IPE_IMU && ring->cursor < oldest(ring)) {
+        ring->cursor = oldest(ring);
+        ++a->n_overrun;
+    }
+    return IPE_OK;
+}
+
+typedef enum { FOUND, WAIT, GAP, LATE } search_t;
+
+/// Put the ring's cursor on the sample at or before t and say whether t can be interpolated from there.
+static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, bool may_wait)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    if (ring->cursor < oldest(ring)) { ring->cursor = oldest(ring); }
+    while (ring->cursor + 1 < ring->head && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) { ++ring->cursor; }
+    if (ring->head == 0) { return may_wait ? WAIT : LATE; }
+    const int64_t since = t_ns - stamp(ring, ring->cursor);
+    if (since < -SAME_INSTANT_NS) { return GAP; }
+    if (since <= SAME_INSTANT_NS) { return FOUND; }
+    const uint64_t behind = ring->head - 1 - ring->cursor;
+    if (behind < 2 && may_wait) { return WAIT; }
+    if (behind < 1) { return LATE; }
+    return stamp(ring, ring->cursor + 1) - stamp(ring, ring->cursor) > a->max_age_ns[sensor] ? GAP : FOUND;
+}
+
+/// Cubic Hermite weights of the samples cursor - 1 .. cursor + 2 at t. A missing outer neighbour, or one beyond a gap,
+/// leaves the slope of the bracket itself.
+static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, double weight[4])
+{
+    const ipe_ring_t* ring = &a->ring[sensor];
+    const uint64_t i = ring->cursor;
+    const double h = 1e-9 * (double)(stamp(ring, i + 1) - stamp(ring, i));
+    const double x = 1e-9 * (double)(t_ns - stamp(ring, i)) / h;
+    const double h00 = (1.0 + 2.0 * x) * (1.0 - x) * (1.0 - x), h10 = x * (1.0 - x) * (1.0 - x);
+    const double h01 = x * x * (3.0 - 2.0 * x), h11 = x * x * (x - 1.0);
+    weight[0] = 0.0, weight[1] = h00, weight[2] = h01, weight[3] = 0.0;
+    const int64_t before = i > oldest(ring) ? stamp(ring, i) - stamp(ring, i - 1) : 0;
+    const int64_t after = i + 2 < ring->head ? stamp(ring, i + 2) - stamp(ring, i + 1) : 0;
+    if (before > 0 && before <= a->max_age_ns[sensor]) {
+        const double g = 1e-9 * (double)before;   // slope at i: parabola through i - 1, i, i + 1
+        weight[0] += h10 * (-h * h / (g * (g + h)));
+        weight[1] += h10 * (h - g) / g;
+        weight[2] += h10 * g / (g + h);
+    } else {
+        weight[1] -= h10, weight[2] += h10;
+    }
+    if (after > 0 && after <= a->max_age_ns[sensor]) {
+        const double g = 1e-9 * (double)after;    // slope at i + 1: parabola through i, i + 1, i + 2
+        weight[1] += h11 * (-g / (g + h));
+        weight[2] += h11 * (g - h) / g;
+        weight[3] += h11 * h * h / (g * (g + h));
+    } else {
+        weight[1] -= h11, weight[2] += h11;
+    }
+}
+
+static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* samples, size_t stride,
+                        size_t n, double* out)
+{
+    const ipe_ring_t* ring = &a->ring[sensor];
+    const uint64_t i = ring->cursor;
+    if (t_ns - stamp(ring, i) <= SAME_INSTANT_NS) {
+        memcpy(out, samples + (i % IPE_RING) * stride, n * sizeof(double));
+        return;
+    }
+    double weight[4];
+    hermite_weights(a, sensor, t_ns, weight);
+    memset(out, 0, n * sizeof(double));
+    for (uint64_t k = 0; k < 4; ++k) {
+        if (weight[k] == 0.0) { continue; }
+        const double* v = samples + ((i + k + IPE_RING - 1) % IPE_RING) * stride;
+        for (size_t j = 0; j < n; ++j) { out[j] += weight[k] * v[j]; }
+    }
+}
+
+static void fill_row(ipe_align_t* a, int64_t t_ns, ipe_row_t* row)
+{
+    const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
+    row->t_ns = t_ns;
+    memcpy(row->acc, imu, sizeof row->acc);
+    memcpy(row->gyro, imu + 3, sizeof row->gyro);
+    memcpy(row->q, imu + 6, sizeof row->q);
+    memset(row->f, 0, sizeof row->f);
+    interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
+    if (a->position_source == IPE_POSITION_FIXED) {
+        memcpy(row->position, a->fixed_position, sizeof row->position);
+    } else {
+        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, row->position);
+    }
+}
+
+ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
+{
+    ipe_ring_t* imu = &a->ring[IPE_IMU];
+    for (; imu->cursor < imu->head; ++imu->cursor) {
+        const int64_t t_ns = stamp(imu, imu->cursor);
+        const bool may_wait = !a->is_ending && stamp(imu, imu->head - 1) - t_ns <= a->max_wait_ns;
+        search_t worst = FOUND;
+        for (int s = IPE_FORCE; s < IPE_SENSOR_COUNT && worst == FOUND; ++s) {
+            if (s == IPE_POSITION && a->position_source == IPE_POSITION_FIXED) { continue; }
+            worst = search(a, (ipe_sensor_t)s, t_ns, may_wait);
+            if (worst == WAIT) { return IPE_NOT_READY; }
+            a->n_missing[s] += worst == GAP;
+            a->n_late[s] += worst == LATE;
+        }
+        if (worst != FOUND) { continue; }
+        fill_row(a, t_ns, row);
+        ++imu->cursor;
+        ++a->n_rows;
+        return IPE_OK;
+    }
+    return IPE_NOT_READY;
+}

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Samples of three sensors, each with its own rate -> one row per IMU sample.
+///
+/// A row waits until force and position reach past its instant, at most max_wait; they are interpolated there by a cubic
+/// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. What a row
+/// could not get is counted by cause and the row is dropped: a row is whole or it does not exist.
+/// 33 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
+/// were pushed, as long as no row waits longer than max_wait.
+#ifndef IPE_ALIGN_H
+#define IPE_ALIGN_H
+
+#include "config.h"
+#include "group.h"
+#include "types.h"
+
+enum { IPE_RING = 128 };
+
+/// The last IPE_RING samples of one sensor; sample i is at i % IPE_RING.
+typedef struct {
+    int64_t t_ns[IPE_RING];
+    uint64_t head;    ///< samples pushed since the last restart
+    uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
+} ipe_ring_t;
+
+typedef struct {
+    int n_cables;
+    bool has_rpy;
+    int32_t position_source;
+    double fixed_position[3];
+    int64_t max_wait_ns, max_age_ns[IPE_SENSOR_COUNT], delay_ns[IPE_SENSOR_COUNT];
+    bool is_ending;   ///< no more samples will come: do not wait
+
+    ipe_ring_t ring[IPE_SENSOR_COUNT];
+    double imu[IPE_RING][10];                ///< acc 3, gyro 3, q 4
+    double force[IPE_RING][IPE_CABLES_MAX];
+    double position[IPE_RING][3];
+
+    uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
+    uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: stamp not after the one before
+    uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< stamps stepped back by over a second: started again
+    uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< refused: a value is NaN or Inf
+    uint64_t n_bad_quaternion;               ///< IMU samples refused: quaternion's length not 1 +- 0.1
+    uint64_t n_rows;                         ///< IMU samples that became rows
+    uint64_t n_overrun;                      ///< IMU samples lost: ring full while waiting
+    uint64_t n_missing[IPE_SENSOR_COUNT];    ///< IMU samples dropped: this sensor had a gap there
+    uint64_t n_late[IPE_SENSOR_COUNT];       ///< IMU samples dropped: this sensor did not come within max_wait
+} ipe_align_t;
+
+void ipe_align_init(ipe_align_t* a, const ipe_config_t* config);
+
+/// Take one sample: t_ns host time of its stamp; value as in ipe_reading_t.
+///
+/// IPE_OK; IPE_ERR_TIME, IPE_ERR_NONFINITE, IPE_ERR_RANGE (quaternion): refused and counted, nothing else changed.
+ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
+
+/// The next row, if its sensors are all there. IPE_OK or IPE_NOT_READY; dropped rows are skipped and counted.
+ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);
+
+#endif

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "decode.h"
+
+#include <math.h>
+#include <string.h>
+
+static unsigned hash(uint32_t can_id, unsigned bus)
+{
+    return ((can_id * 2654435761U) >> 24 ^ bus * 37U) % IPE_DECODE_SLOTS;
+}
+
+/// Index of the slot that holds (bus, can_id), or of the empty one where it would be.
+static unsigned find_slot(const ipe_decode_t* d, uint32_t can_id, unsigned bus)
+{
+    unsigned i = hash(can_id, bus);
+    while (d->slot[i].n > 0 && (d->slot[i].can_id != can_id || d->slot[i].bus != bus)) { i = (i + 1) % IPE_DECODE_SLOTS; }
+    return i;
+}
+
+static bool same_message(const ipe_signal_t* a, const ipe_signal_t* b)
+{
+    return a->can_id == b->can_id && a->bus == b->bus;
+}
+
+void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config)
+{
+    memset(d, 0, sizeof *d);
+    for (int i = 0; i < IPE_BUSES_MAX; ++i) { d->bit_time[i] = config->bus_bitrate[i] > 0.0 ? 1.0 / config->bus_bitrate[i] : 0.0; }
+    int n = 0;
+    for (int i = 0; i < config->n_signals; ++i) {
+        const ipe_signal_t* head = &config->signal[i];
+        const unsigned at = find_slot(d, head->can_id, (unsigned)head->bus);
+        if (d->slot[at].n > 0) { continue; }
+        d->slot[at].can_id = head->can_id;
+        d->slot[at].bus = (uint8_t)head->bus;
+        d->slot[at].frame_length = (uint8_t)head->frame_length;
+        d->slot[at].first = (uint8_t)n;
+        for (int j = i; j < config->n_signals; ++j) {
+            if (same_message(head, &config->signal[j])) { d->signal[n++] = config->signal[j]; }
+        }
+        d->slot[at].n = (uint8_t)(n - d->slot[at].first);
+    }
+}
+
+static uint64_t load_little_endian(const uint8_t* p)
+{
+    uint64_t v = 0;
+    for (unsigned i = 0; i < 8; ++i) { v |= (uint64_t)p[i] << (8 * i); }
+    return v;
+}
+
+static uint64_t load_big_endian(const uint8_t* p)
+{
+    uint64_t v = 0;
+    for (unsigned i = 0; i < 8; ++i) { v = v << 8 | p[i]; }
+    return v;
+}
+
+uint64_t ipe_decode_raw(const uint8_t data[72], int start, int length, bool big_endian, bool is_signed)
+{
+    const unsigned byte = (unsigned)start / 8U, bit = (unsigned)start % 8U, n = (unsigned)length;
+    uint64_t raw;
+    if (big_endian) {
+        const unsigned lead = 7U - bit;
+        raw = load_big_endian(data + byte) << lead;
+        if (lead > 0U) { raw |= (uint64_t)data[byte + 8] >> (8U - lead); }
+        raw >>= 64U - n;
+    } else {
+        raw = load_little_endian(data + byte) >> bit;
+        if (bit > 0U) { raw |= (uint64_t)data[byte + 8] << (64U - bit); }
+        if (n < 64U) { raw &= (1ULL << n) - 1U; }
+    }
+    if (is_signed && n < 64U && (raw >> (n - 1U) & 1U)) { raw |= ~0ULL << n; }
+    return raw;
+}
+
+static double value_of(const ipe_signal_t* s, const uint8_t* data)
+{
+    const uint64_t raw = ipe_decode_raw(data, s->start, s->length, s->big_endian, s->is_signed);
+    double value;
+    if (s->kind == IPE_FLOAT64) {
+        memcpy(&value, &raw, sizeof value);
+    } else if (s->kind == IPE_FLOAT32) {
+        const uint32_t bits = (uint32_t)raw;
+        float single;
+        memcpy(&single, &bits, sizeof single);
+        value = (double)single;
+    } else {
+        value = s->is_signed ? (double)(int64_t)raw : (double)raw;
+    }
+    return value * s->scale + s->offset;
+}
+
+static bool is_present(const ipe_signal_t* s, const uint8_t* data)
+{
+    return s->mux_start < 0 ||
+           (int64_t)ipe_decode_raw(data, s->mux_start, s->mux_length, s->mux_big_endian, false) == s->mux_value;
+}
+
+static void decode_signal(ipe_decode_t* d, const ipe_signal_t* s, const uint8_t* data, ipe_sample_t* sample)
+{
+    if (!is_present(s, data)) { return; }
+    const double value = value_of(s, data);
+    if (!isfinite(value)) {
+        ++d->n_nonfinite;
+    } else if (s->minimum < s->maximum && (value < s->minimum || value > s->maximum)) {
+        ++d->n_out_of_range;
+    } else {
+        sample->item[sample->n].quantity = (uint8_t)s->quantity;
+        sample->item[sample->n].value = value;
+        ++sample->n;
+    }
+}
+
+/// Time on the wire of a classical data frame without stuff bits; an FD frame's data phase has a rate of its own.
+static double wire_time(const ipe_decode_t* d, const ipe_frame_t* frame)
+{
+    const int overhead = (frame->can_id & IPE_CAN_EFF) ? 67 : 47;
+    return (frame->flags & IPE_FRAME_FD) ? 0.0 : d->bit_time[frame->bus] * (overhead + 8 * frame->length);
+}
+
+ipe_status_t ipe_decode_frame(ipe_decode_t* d, const ipe_frame_t* frame, ipe_sample_t* sample)
+{
+    ++d->n_frames;
+    if (frame->can_id & IPE_CAN_ERR) {
+        ++d->n_error;
+        return IPE_IGNORED;
+    }
+    if (frame->can_id & IPE_CAN_RTR) {
+        ++d->n_remote;
+        return IPE_IGNORED;
+    }
+    const unsigned at = find_slot(d, frame->can_id, frame->bus);
+    if (d->slot[at].n == 0) {
+        ++d->n_unknown;
+        return IPE_IGNORED;
+    }
+    if (frame->length != d->slot[at].frame_length) {
+        ++d->n_bad_length;
+        return IPE_ERR_LENGTH;
+    }
+    uint8_t data[72] = {0};
+    memcpy(data, frame->data, frame->length);
+    sample->t_ns = frame->t_ns;
+    sample->wire_time = wire_time(d, frame);
+    sample->n = 0;
+    const ipe_signal_t* signal = &d->signal[d->slot[at].first];
+    for (unsigned i = 0; i < d->slot[at].n; ++i) { decode_signal(d, &signal[i], data, sample); }
+    ++d->n_decoded;
+    return sample->n > 0 ? IPE_OK : IPE_IGNORED;
+}

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+/// CAN frame -> values in SI, by a table made from DBC signals.
+///
+/// Any start bit, length 1..64, byte order, sign, IEEE float32/float64, scale, offset, one level of multiplexing.
+/// The table is built once; a frame costs one hash probe and about 5 ns per signal. 6 KB of state, one thread.
+#ifndef IPE_DECODE_H
+#define IPE_DECODE_H
+
+#include "config.h"
+#include "types.h"
+
+/// The values one frame carried, in the order of the table.
+typedef struct {
+    int64_t t_ns;       ///< the frame's host stamp
+    double wire_time;   ///< s the frame took on the bus, 0: bit rate unknown
+    int n;
+    struct {
+        uint8_t quantity;  ///< ipe_quantity_t
+        double value;      ///< SI
+    } item[IPE_SIGNALS_MAX];
+} ipe_sample_t;
+
+enum { IPE_DECODE_SLOTS = 256 };
+
+typedef struct {
+    struct {
+        uint32_t can_id;
+        uint8_t bus, frame_length, first, n;  ///< signals first .. first + n - 1; n = 0: empty slot
+    } slot[IPE_DECODE_SLOTS];
+    ipe_signal_t signal[IPE_SIGNALS_MAX];     ///< sorted so that those of one message are neighbours
+    double bit_time[IPE_BUSES_MAX];           ///< s, 0: unknown
+
+    uint64_t n_frames;         ///< every frame pushed = sum of the counters below that are per frame
+    uint64_t n_decoded;
+    uint64_t n_unknown;        ///< ID that no signal is bound to
+    uint64_t n_remote;         ///< remote frames
+    uint64_t n_error;          ///< error frames
+    uint64_t n_bad_length;     ///< known ID, wrong number of bytes
+    uint64_t n_nonfinite;      ///< signals refused: NaN or Inf
+    uint64_t n_out_of_range;   ///< signals refused: outside the limits of the DBC
+} ipe_decode_t;
+
+/// Build the table from config->signal. Cost: once, n_signals^2.
+void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config);
+
+/// Decode one frame. Signals that are not finite or out of range are left out of the sample and counted.
+///
+/// IPE_OK            sample holds at least one value
+/// IPE_IGNORED       unknown ID, remote or error frame, or no value left; counted
+/// IPE_ERR_LENGTH    known ID, wrong length; counted
+ipe_status_t ipe_decode_frame(ipe_decode_t* d, const ipe_frame_t* frame, ipe_sample_t* sample);
+
+/// The raw number of length bits at DBC position start, zero- or sign-extended to 64 bits.
+///
+///   data  in  72 bytes, readable past the frame's end
+uint64_t ipe_decode_raw(const uint8_t data[72], int start, int length, bool big_endian, bool is_signed);
+
+#endif

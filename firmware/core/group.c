@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "group.h"
+
+#include <string.h>
+
+static void require(ipe_group_t* g, int first, int n)
+{
+    int at = __builtin_popcountll(g->required);
+    for (int q = first; q < first + n; ++q) {
+        g->place[q] = (uint8_t)at++;
+        g->required |= 1ULL << q;
+    }
+}
+
+static bool is_bound(const ipe_config_t* config, int quantity)
+{
+    for (int i = 0; i < config->n_signals; ++i) {
+        if (config->signal[i].quantity == quantity) { return true; }
+    }
+    return false;
+}
+
+void ipe_group_init(ipe_group_t* g, ipe_sensor_t sensor, const ipe_config_t* config)
+{
+    memset(g, 0, sizeof *g);
+    g->counter_quantity = (uint8_t)(IPE_Q_IMU_COUNTER + (int)sensor);
+    g->time_quantity = (uint8_t)(IPE_Q_IMU_TIME + (int)sensor);
+    switch (sensor) {
+    case IPE_IMU:
+        require(g, IPE_Q_ACC_X, 3);
+        require(g, IPE_Q_GYRO_X, 3);
+        if (config->attitude_source == IPE_ATTITUDE_RPY) {
+            require(g, IPE_Q_ROLL, 3);
+        } else {
+            require(g, IPE_Q_QUAT_W, 4);
+        }
+        break;
+    case IPE_FORCE:
+        require(g, IPE_Q_F_1, config->n_cables);
+        break;
+    default:
+        require(g, IPE_Q_POS_X, 3);
+        break;
+    }
+    g->has_counter = is_bound(config, g->counter_quantity);
+    if (is_bound(config, g->time_quantity)) { g->required |= 1ULL << g->time_quantity; }
+    g->optional = 1ULL << g->counter_quantity;
+}
+
+typedef struct {
+    uint64_t present;  ///< quantities of this sensor in the frame
+    bool has_counter;
+    double counter;
+} content_t;
+
+static content_t content_of(const ipe_group_t* g, const ipe_sample_t* sample)
+{
+    content_t c = {0, false, 0.0};
+    for (int i = 0; i < sample->n; ++i) {
+        const uint64_t bit = 1ULL << sample->item[i].quantity;
+        c.present |= bit & g->required;
+        if (bit & g->optional) {
+            c.has_counter = true;
+            c.counter = sample->item[i].value;
+        }
+    }
+    return c;
+}
+
+/// Does a frame with this content start another sample than the open one?
+static bool starts_another(const ipe_group_t* g, const content_t* c, int64_t t_ns)
+{
+    if (c->has_counter && g->counter >= 0.0) { return c->counter != g->counter; }
+    if (g->has_counter) { return false; }
+    const double since = 1e-9 * (double)(t_ns - g->opened_ns);
+    return (g->present & c->present) != 0 || (g->period > 0.0 && since > 0.8 * g->period);
+}
+
+static void open_sample(ipe_group_t* g, int64_t t_ns)
+{
+    g->is_open = true;
+    g->present = 0;
+    g->counter = -1.0;
+    g->opened_ns = t_ns;
+    g->reading.t_ns = t_ns;
+    g->reading.has_device_time = false;
+}
+
+static void take_values(ipe_group_t* g, const ipe_sample_t* sample, uint64_t wanted)
+{
+    for (int i = 0; i < sample->n; ++i) {
+        const unsigned q = sample->item[i].quantity;
+        if (!(wanted >> q & 1U)) { continue; }
+        if (q == g->time_quantity) {
+            g->reading.has_device_time = true;
+            g->reading.device_time = sample->item[i].value;
+        } else {
+            g->reading.value[g->place[q]] = sample->item[i].value;
+        }
+    }
+    g->present |= wanted;
+}
+
+static void close_sample(ipe_group_t* g)
+{
+    const double interval = 1e-9 * (double)(g->opened_ns - g->completed_ns);
+    if (g->n_complete == 1) {
+        g->period = interval;
+    } else if (g->n_complete > 1 && interval < 2.0 * g->period) {
+        g->period += 0.1 * (interval - g->period);
+    }
+    g->completed_ns = g->opened_ns;
+    g->completed_counter = g->counter;
+    g->is_open = false;
+    ++g->n_complete;
+}
+
+ipe_status_t ipe_group_push(ipe_group_t* g, const ipe_sample_t* sample, ipe_reading_t* reading)
+{
+    const content_t c = content_of(g, sample);
+    if (c.present == 0 && !c.has_counter) { return IPE_IGNORED; }
+    const int64_t t_ns = sample->t_ns - (int64_t)(1e9 * sample->wire_time);
+    if (!g->is_open && c.has_counter && g->n_complete > 0 && c.counter == g->completed_counter) {
+        ++g->n_duplicate;
+        return IPE_NOT_READY;
+    }
+    if (g->is_open && starts_another(g, &c, t_ns)) {
+        ++g->n_incomplete;
+        g->is_open = false;
+    }
+    if (!g->is_open) { open_sample(g, t_ns); }
+    if (c.has_counter) { g->counter = c.counter; }
+    if (g->present & c.present) { ++g->n_duplicate; }
+    take_values(g, sample, c.present & ~g->present);
+    if (g->present != g->required) { return IPE_NOT_READY; }
+    close_sample(g);
+    *reading = g->reading;
+    return IPE_OK;
+}

@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "pipeline.h"
+
+#include "consistency.h"
+#include "regressor.h"
+#include "smallmat.h"
+
+#include <assert.h>
+#include <stdio.h>
+#include <string.h>
+
+static_assert(sizeof(ipe_pipeline_t) <= 64 * 1024, "the state's budget in firmware/DESIGN.md");
+static_assert(sizeof(ipe_rls_t) <= 6 * 1024, "the filter's budget in firmware/DESIGN.md");
+
+/// Seconds after which the sensor's device time starts again at 0, from the signal that carries it.
+static double device_time_wrap(const ipe_config_t* config, ipe_sensor_t sensor)
+{
+    for (int i = 0; i < config->n_signals; ++i) {
+        const ipe_signal_t* s = &config->signal[i];
+        if (s->quantity == (int32_t)IPE_Q_IMU_TIME + (int32_t)sensor && s->kind == IPE_INTEGER) {
+            return ldexp(fabs(s->scale), s->length);
+        }
+    }
+    return 0.0;
+}
+
+/// The prior is about P; the filter works about the IMU.
+static ipe_status_t init_filter(ipe_pipeline_t* p)
+{
+    const ipe_config_t* k = &p->config;
+    const double to_imu[3] = {-k->imu_position[0], -k->imu_position[1], -k->imu_position[2]};
+    double theta[IPE_NP], P[IPE_NP][IPE_NP];
+    memcpy(theta, k->prior_theta, sizeof theta);
+    memcpy(P, k->prior_covariance, sizeof P);
+    ipe_body_shift(to_imu, theta, P);
+    memcpy(p->whitening, k->residual_covariance, sizeof p->whitening);
+    return cholesky(&p->whitening[0][0], IPE_NY) ? ipe_rls_init(&p->rls, theta, P) : IPE_ERR_CONFIG;
+}
+
+ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size)
+{
+    const ipe_status_t status = ipe_config_check(config, message, size);
+    if (status != IPE_OK) { return status; }
+    memset(p, 0, sizeof *p);
+    p->config = *config;
+    ipe_decode_init(&p->decode, &p->config);
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        ipe_group_init(&p->group[s], (ipe_sensor_t)s, &p->config);
+        ipe_clock_init(&p->clock[s], device_time_wrap(&p->config, (ipe_sensor_t)s));
+    }
+    ipe_align_init(&p->align, &p->config);
+    ipe_wrench_init(&p->wrench, &p->config);
+    ipe_window_init(&p->window, &p->config);
+    if (init_filter(p) != IPE_OK) {
+        (void)snprintf(message, size, "prior_covariance shifted to the IMU: must be positive definite");
+        return IPE_ERR_CONFIG;
+    }
+    return IPE_OK;
+}
+
+static ipe_status_t push_reading(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
+{
+    const int64_t t_ns = reading->has_device_time
+                             ? ipe_clock_map(&p->clock[sensor], reading->device_time, reading->t_ns)
+                             : reading->t_ns;
+    return ipe_align_push(&p->align, sensor, t_ns, reading->value);
+}
+
+ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame)
+{
+    ipe_sample_t sample;
+    ipe_reading_t reading;
+    ipe_status_t status = ipe_decode_frame(&p->decode, frame, &sample);                // CAN frame -> values
+    if (status != IPE_OK) { return status; }
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        if (ipe_group_push(&p->group[s], &sample, &reading) != IPE_OK) { continue; }   // values -> whole sample
+        const ipe_status_t pushed = push_reading(p, (ipe_sensor_t)s, &reading);        // device -> host time, ring
+        if (pushed != IPE_OK) { status = pushed; }
+    }
+    return status;
+}
+
+ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const double position[3])
+{
+    return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
+}
+
+/// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no mass.
+static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average, double nis, ipe_estimate_t* estimate)
+{
+    ipe_estimate_t e = {.t_ns = average->t_ns, .n_windows = p->rls.n_updates, .n_rows = p->n_rows, .nis = nis};
+    memcpy(e.theta, p->rls.x, sizeof e.theta);
+    ipe_rls_covariance(&p->rls, e.covariance);
+    ipe_body_shift(p->config.imu_position, e.theta, e.covariance);
+    if (ipe_body_from_theta(e.theta, e.covariance, &e.body) != IPE_OK) { return false; }
+    if (!all_finite(e.theta, IPE_NP) || !all_finite(&e.covariance[0][0], IPE_NP * IPE_NP) || !isfinite(nis)) { return false; }
+    e.consistent = ipe_consistency_check(e.theta);
+    *estimate = e;
+    return true;
+}
+
+ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
+{
+    ipe_motion_t motion;
+    ipe_wrench_t wrench;
+    ipe_average_t average;
+    double Y[IPE_NY][IPE_NP], nis;
+
+    ipe_status_t status = ipe_align_pop(&p->align, row);                               // samples -> row
+    if (status != IPE_OK) { return status; }
+    status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);                   // row -> motion, cable wrench
+    if (status != IPE_OK) { return status; }
+    status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);       // rows -> weak form
+    p->n_rows += status >= IPE_OK;
+    if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
+    ipe_regressor(average.s, average.ww, average.alpha, Y);                            // averages -> Y theta = y
+    status = ipe_rls_update(&p->rls, Y, average.y, p->whitening, &nis);                // equations -> theta, P
+    if (status != IPE_OK) { return status; }
+    if (!make_estimate(p, &average, nis, &p->estimate)) {                              // theta -> body, consistency
+        ++p->n_refused;
+        return IPE_ERR_NONFINITE;
+    }
+    if (estimate != NULL) { *estimate = p->estimate; }
+    return IPE_OK;
+}
+
+void ipe_pipeline_flush(ipe_pipeline_t* p)
+{
+    p->align.is_ending = true;
+}
+
+const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64_t* value)
+{
+    const struct {
+        const char* name;
+        uint64_t value;
+    } counter[] = {
+        {"decode.frames", p->decode.n_frames},
+        {"decode.decoded", p->decode.n_decoded},
+        {"decode.unknown_id", p->decode.n_unknown},
+        {"decode.remote", p->decode.n_remote},
+        {"decode.error_frame", p->decode.n_error},
+        {"decode.bad_length", p->decode.n_bad_length},
+        {"decode.signal_not_finite", p->decode.n_nonfinite},
+        {"decode.signal_out_of_range", p->decode.n_out_of_range},
+        {"group.imu.complete", p->group[IPE_IMU].n_complete},
+        {"group.imu.incomplete", p->group[IPE_IMU].n_incomplete},
+        {"group.imu.duplicate", p->group[IPE_IMU].n_duplicate},
+        {"group.force.complete", p->group[IPE_FORCE].n_complete},
+        {"group.force.incomplete", p->group[IPE_FORCE].n_incomplete},
+        {"group.force.duplicate", p->group[IPE_FORCE].n_duplicate},
+        {"group.position.complete", p->group[IPE_POSITION].n_complete},
+        {"group.position.incomplete", p->group[IPE_POSITION].n_incomplete},
+        {"group.position.duplicate", p->group[IPE_POSITION].n_duplicate},
+        {"clock.imu.steps", p->clock[IPE_IMU].n_steps},
+        {"clock.force.steps", p->clock[IPE_FORCE].n_steps},
+        {"clock.position.steps", p->clock[IPE_POSITION].n_steps},
+        {"align.imu.samples", p->align.n_samples[IPE_IMU]},
+        {"align.imu.backwards", p->align.n_backwards[IPE_IMU]},
+        {"align.imu.restarts", p->align.n_restarts[IPE_IMU]},
+        {"align.imu.not_finite", p->align.n_nonfinite[IPE_IMU]},
+        {"align.imu.bad_quaternion", p->align.n_bad_quaternion},
+        {"align.force.samples", p->align.n_samples[IPE_FORCE]},
+        {"align.force.backwards", p->align.n_backwards[IPE_FORCE]},
+        {"align.force.restarts", p->align.n_restarts[IPE_FORCE]},
+        {"align.force.not_finite", p->align.n_nonfinite[IPE_FORCE]},
+        {"align.position.samples", p->align.n_samples[IPE_POSITION]},
+        {"align.position.backwards", p->align.n_backwards[IPE_POSITION]},
+        {"align.position.restarts", p->align.n_restarts[IPE_POSITION]},
+        {"align.position.not_finite", p->align.n_nonfinite[IPE_POSITION]},
+        {"align.rows", p->align.n_rows},
+        {"align.overrun", p->align.n_overrun},
+        {"align.force.missing", p->align.n_missing[IPE_FORCE]},
+        {"align.force.late", p->align.n_late[IPE_FORCE]},
+        {"align.position.missing", p->align.n_missing[IPE_POSITION]},
+        {"align.position.late", p->align.n_late[IPE_POSITION]},
+        {"wrench.rows", p->wrench.n_rows},
+        {"wrench.bad_geometry", p->wrench.n_geometry},
+        {"wrench.slack", p->wrench.n_slack},
+        {"wrench.overload", p->wrench.n_overload},
+        {"window.rows", p->n_rows},
+        {"window.windows", p->window.n_windows},
+        {"window.restarts", p->window.n_restarts},
+        {"window.backwards", p->window.n_backwards},
+        {"rls.updates", p->rls.n_updates},
+        {"rls.not_finite", p->rls.n_nonfinite},
+        {"estimate.refused", p->n_refused},
+    };
+    if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
+    *value = counter[index].value;
+    return counter[index].name;
+}
+
+bool ipe_pipeline_invariants_hold(const ipe_pipeline_t* p)
+{
+    const ipe_decode_t* d = &p->decode;
+    const uint64_t frames = d->n_decoded + d->n_unknown + d->n_remote + d->n_error + d->n_bad_length;
+    return d->n_frames == frames && p->window.first <= p->window.n_windows && ipe_rls_invariants_hold(&p->rls);
+}

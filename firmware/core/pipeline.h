@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+/// CAN frames and tracker positions in, the ten inertial parameters out.
+///
+///   frame --> decode --> group --> clock --> align --> wrench --> window --> regressor --> rls --> body, consistency
+///
+/// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
+#ifndef IPE_PIPELINE_H
+#define IPE_PIPELINE_H
+
+#include "align.h"
+#include "body.h"
+#include "clock.h"
+#include "config.h"
+#include "decode.h"
+#include "group.h"
+#include "rls.h"
+#include "types.h"
+#include "window.h"
+#include "wrench.h"
+
+/// What is known about the platform. P: platform frame, C: centre of gravity; inertia xx yy zz yz xz xy, matrix entries.
+typedef struct {
+    int64_t t_ns;                        ///< of the last row used
+    uint64_t n_windows, n_rows;          ///< used so far
+    ipe_body_t body;                     ///< mass, CoG, inertia about C, with standard deviations
+    double theta[IPE_NP];                ///< m, h, J about P
+    double covariance[IPE_NP][IPE_NP];   ///< of theta
+    bool consistent;                     ///< a body that can exist
+    double nis;                          ///< normalised innovation squared of the last window
+} ipe_estimate_t;
+
+/// Counters and state of every stage; read freely, write never.
+typedef struct {
+    ipe_config_t config;
+    ipe_decode_t decode;
+    ipe_group_t group[IPE_SENSOR_COUNT];
+    ipe_clock_t clock[IPE_SENSOR_COUNT];
+    ipe_align_t align;
+    ipe_wrench_stage_t wrench;
+    ipe_window_t window;
+    ipe_rls_t rls;
+    double whitening[IPE_NY][IPE_NY];    ///< Cholesky factor of the residual covariance
+    ipe_estimate_t estimate;
+    uint64_t n_rows;                     ///< aligned rows that entered the window
+    uint64_t n_refused;                  ///< estimates not published because a value was not finite
+} ipe_pipeline_t;
+
+/// Set up every stage from a checked configuration.
+///
+/// IPE_OK; IPE_ERR_CONFIG with the reason in message[size] (pipeline not usable). Copies config.
+ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size);
+
+/// Take in one CAN frame. Rows that become complete wait for ipe_pipeline_step().
+///
+/// IPE_OK           signals taken
+/// IPE_IGNORED      no signal is bound to this ID (counted)
+/// IPE_ERR_*        frame refused, counted by cause; nothing else changed
+ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame);
+
+/// Take in one tracked position: host stamp [ns], position [3] in W, m.
+///
+/// IPE_OK, or IPE_ERR_NONFINITE / IPE_ERR_TIME: refused, counted.
+ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const double position[3]);
+
+/// Advance by one aligned row, if one is ready. Call until IPE_NOT_READY after each push.
+///
+///   row       out  the aligned row, as measured
+///   estimate  out  written when the row completed a window; may be NULL, the last one stays in p->estimate
+///
+/// IPE_OK           a row was used and it completed a window: the estimate is new
+/// IPE_IGNORED      a row was used, no window ended with it
+/// IPE_NOT_READY    no row ready
+/// IPE_ERR_*        a row or window was refused, counted by cause
+ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate);
+
+/// The input has ended: let rows out that were waiting for samples that will not come, then step as usual.
+void ipe_pipeline_flush(ipe_pipeline_t* p);
+
+/// A counter of the pipeline by index: "stage.cause" and its value. NULL past the last. The names are stable.
+const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64_t* value);
+
+/// True unless memory was corrupted or the code is wrong: covariance positive, state finite, indices in range.
+bool ipe_pipeline_invariants_hold(const ipe_pipeline_t* p);
+
+#endif

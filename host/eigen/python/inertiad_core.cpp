@@ -1,0 +1,329 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Python module inertiad_core: the C core through its C++ layer. Arrays are numpy float64, C order; N is any number of
+/// samples, m the number of cables. Units and frames as in the C headers named at each function.
+#include <inertiad/body.hpp>
+#include <inertiad/cable.hpp>
+#include <inertiad/config.hpp>
+#include <inertiad/pipeline.hpp>
+#include <inertiad/rls.hpp>
+
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+
+#include <memory>
+#include <string>
+
+extern "C" {
+#include "window.h"
+}
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+template <typename... Shape>
+using In = nb::ndarray<const double, nb::numpy, nb::c_contig, nb::device::cpu, nb::shape<Shape::value...>>;
+template <nb::ssize_t N>
+using Dim = std::integral_constant<nb::ssize_t, N>;
+using InN3 = In<Dim<-1>, Dim<3>>;
+using InN33 = In<Dim<-1>, Dim<3>, Dim<3>>;
+
+/// A new numpy array of the given shape, zero-filled, that owns its memory.
+template <std::size_t Rank>
+struct Out {
+    explicit Out(const std::size_t (&shape_)[Rank])
+    {
+        std::size_t n = 1;
+        for (std::size_t i = 0; i < Rank; ++i) { n *= shape[i] = shape_[i]; }
+        data = new double[n]();
+    }
+    nb::ndarray<nb::numpy, double> release() const
+    {
+        nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+        return {data, Rank, shape, owner};
+    }
+    std::size_t shape[Rank];
+    double* data;
+};
+
+void require_rows(std::size_t n, std::size_t other, const char* name)
+{
+    if (n != other) { throw std::invalid_argument(std::string(name) + ": needs as many rows as the first argument"); }
+}
+
+nb::tuple cable_geometry(const inertiad::Config& config, const InN3& p, const InN33& R)
+{
+    const std::size_t n = p.shape(0), m = static_cast<std::size_t>(config.n_cables());
+    require_rows(n, R.shape(0), "R");
+    Out<3> u({n, m, 3});
+    Out<2> free({n, m}), length({n, m});
+    for (std::size_t k = 0; k < n; ++k) {
+        const Eigen::Map<const inertiad::Matrix3> R_k(R.data() + 9 * k);
+        const Eigen::Map<const inertiad::Vector3> p_k(p.data() + 3 * k);
+        for (std::size_t i = 0; i < m; ++i) {
+            const ipe_cable_t& cable = config.c().cable[i];
+            const inertiad::Vector3 B = p_k + R_k * Eigen::Map<const inertiad::Vector3>(cable.attachment);
+            try {
+                const ipe_cable_line_t line = inertiad::cable_line(cable, B);
+                std::copy(line.u, line.u + 3, u.data + 3 * (m * k + i));
+                free.data[m * k + i] = line.free;
+                length.data[m * k + i] = line.length;
+            } catch (const std::domain_error& e) {
+                throw std::domain_error("cable " + std::to_string(i + 1) + ", sample " + std::to_string(k) + ": " + e.what());
+            }
+        }
+    }
+    return nb::make_tuple(u.release(), free.release(), length.release());
+}
+
+nb::tuple wrench_matrix(const inertiad::Config& config, const InN3& p, const InN33& R, const inertiad::Vector3& point)
+{
+    const std::size_t n = p.shape(0), m = static_cast<std::size_t>(config.n_cables());
+    require_rows(n, R.shape(0), "R");
+    Out<3> W({n, 6, m});
+    Out<2> sag({n, 6});
+    for (std::size_t k = 0; k < n; ++k) {
+        const Eigen::Map<const inertiad::Matrix3> R_k(R.data() + 9 * k);
+        const auto w = inertiad::wrench_matrix(config, Eigen::Map<const inertiad::Vector3>(p.data() + 3 * k), R_k, point);
+        for (std::size_t j = 0; j < 6; ++j) {
+            sag.data[6 * k + j] = w.sag[static_cast<Eigen::Index>(j)];
+            for (std::size_t i = 0; i < m; ++i) {
+                W.data[(6 * k + j) * m + i] = w.W(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i));
+            }
+        }
+    }
+    return nb::make_tuple(W.release(), sag.release());
+}
+
+nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN3& alpha)
+{
+    const std::size_t n = s.shape(0);
+    require_rows(n, w.shape(0), "w");
+    require_rows(n, alpha.shape(0), "alpha");
+    Out<3> Y({n, 6, 10});
+    for (std::size_t k = 0; k < n; ++k) {
+        const auto at = [k](const InN3& v) { return Eigen::Map<const inertiad::Vector3>(v.data() + 3 * k); };
+        Eigen::Map<inertiad::Regressor>(Y.data + 60 * k) = inertiad::regressor(at(s), at(w), at(alpha));
+    }
+    return Y.release();
+}
+
+nb::dict body_dict(const ipe_body_t& b)
+{
+    nb::dict d;
+    d["mass"] = b.mass, d["mass_std"] = b.mass_std;
+    const auto list = [](const double* v, std::size_t n) {
+        nb::list l;
+        for (std::size_t i = 0; i < n; ++i) { l.append(v[i]); }
+        return l;
+    };
+    d["cog"] = list(b.cog, 3), d["cog_std"] = list(b.cog_std, 3);
+    d["inertia_cog"] = list(b.inertia_cog, 6), d["inertia_cog_std"] = list(b.inertia_cog_std, 6);
+    return d;
+}
+
+/// A pipeline with its own state, on the heap of the host.
+struct OwnedPipeline {
+    explicit OwnedPipeline(const inertiad::Config& config) : state(std::make_unique<ipe_pipeline_t>()), view(*state)
+    {
+        view.init(config);
+    }
+
+    int push_frame(int64_t t_ns, int bus, uint32_t can_id, const nb::bytes& data, int flags)
+    {
+        if (data.size() > IPE_DATA_MAX) { throw std::invalid_argument("data: more than 64 bytes"); }
+        if (bus < 0 || bus >= IPE_BUSES_MAX) { throw std::invalid_argument("bus: allowed 0 .. 7"); }
+        ipe_frame_t frame{};
+        frame.t_ns = t_ns;
+        frame.bus = static_cast<uint8_t>(bus);
+        frame.can_id = can_id;
+        frame.flags = static_cast<uint8_t>(flags);
+        frame.length = static_cast<uint8_t>(data.size());
+        std::memcpy(frame.data, data.c_str(), data.size());
+        return view.push_frame(frame);
+    }
+
+    nb::dict counters() const
+    {
+        nb::dict d;
+        uint64_t value = 0;
+        for (unsigned i = 0; const char* name = ipe_pipeline_counter(state.get(), i, &value); ++i) { d[name] = value; }
+        return d;
+    }
+
+    nb::dict estimate() const
+    {
+        const ipe_estimate_t& e = view.estimate();
+        nb::dict d = body_dict(e.body);
+        d["t_ns"] = e.t_ns, d["n_windows"] = e.n_windows, d["n_rows"] = e.n_rows;
+        d["consistent"] = e.consistent, d["nis"] = e.nis;
+        d["theta"] = inertiad::Theta(view.theta());
+        d["covariance"] = inertiad::Covariance(view.covariance());
+        return d;
+    }
+
+    std::unique_ptr<ipe_pipeline_t> state;
+    inertiad::Pipeline view;
+};
+
+/// A recursive estimator with its own state.
+struct OwnedRls {
+    OwnedRls(const inertiad::Theta& x, const inertiad::Covariance& P) : view(state)
+    {
+        if (view.init(x, P) != IPE_OK) { throw std::invalid_argument("P: must be positive definite"); }
+    }
+    OwnedRls(const OwnedRls&) = delete;
+
+    double update(const inertiad::Regressor& Y, const inertiad::Vector6& y, const inertiad::Matrix6& L)
+    {
+        double nis = 0.0;
+        if (view.update(Y, y, L, nis) != IPE_OK) { throw std::invalid_argument("Y, y or L: NaN or Inf"); }
+        return nis;
+    }
+
+    ipe_rls_t state{};
+    inertiad::Rls view;
+};
+
+/// Finished windows of a stream of motions and wrenches, as one dict of arrays.
+nb::dict averages(const inertiad::Config& config, const nb::ndarray<const int64_t, nb::numpy, nb::c_contig, nb::ndim<1>>& t_ns,
+                  const InN3& s, const InN3& w, const In<Dim<-1>, Dim<6>>& y)
+{
+    const std::size_t n = t_ns.shape(0);
+    require_rows(n, s.shape(0), "s");
+    require_rows(n, w.shape(0), "w");
+    require_rows(n, y.shape(0), "y");
+    ipe_window_t window;
+    ipe_window_init(&window, &config.c());
+    std::vector<ipe_average_t> found;
+    for (std::size_t k = 0; k < n; ++k) {
+        ipe_motion_t motion{};
+        ipe_wrench_t wrench;
+        ipe_average_t average;
+        std::copy_n(s.data() + 3 * k, 3, motion.s);
+        std::copy_n(w.data() + 3 * k, 3, motion.w);
+        std::copy_n(y.data() + 6 * k, 6, wrench.y);
+        if (ipe_window_push(&window, t_ns.data()[k], &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
+    }
+    const std::size_t count = found.size();
+    Out<2> out_s({count, 3}), out_w({count, 3}), out_ww({count, 6}), out_alpha({count, 3}), out_y({count, 6});
+    Out<1> out_t({count});
+    for (std::size_t k = 0; k < count; ++k) {
+        std::copy_n(found[k].s, 3, out_s.data + 3 * k);
+        std::copy_n(found[k].w, 3, out_w.data + 3 * k);
+        std::copy_n(found[k].ww, 6, out_ww.data + 6 * k);
+        std::copy_n(found[k].alpha, 3, out_alpha.data + 3 * k);
+        std::copy_n(found[k].y, 6, out_y.data + 6 * k);
+        out_t.data[k] = 1e-9 * static_cast<double>(found[k].t_ns);
+    }
+    nb::dict d;
+    d["t"] = out_t.release(), d["s"] = out_s.release(), d["w"] = out_w.release(), d["ww"] = out_ww.release();
+    d["alpha"] = out_alpha.release(), d["y"] = out_y.release(), d["length"] = window.length;
+    return d;
+}
+
+uint64_t decode_raw(const nb::bytes& data, int start, int length, bool big_endian, bool is_signed)
+{
+    uint8_t padded[72] = {0};
+    if (data.size() > IPE_DATA_MAX) { throw std::invalid_argument("data: more than 64 bytes"); }
+    std::memcpy(padded, data.c_str(), data.size());
+    return ipe_decode_raw(padded, start, length, big_endian, is_signed);
+}
+
+/// Values of one frame by quantity number, through the config's table.
+nb::dict decode_frame(const inertiad::Config& config, int bus, uint32_t can_id, const nb::bytes& data)
+{
+    ipe_decode_t decode;
+    ipe_decode_init(&decode, &config.c());
+    if (data.size() > IPE_DATA_MAX) { throw std::invalid_argument("data: more than 64 bytes"); }
+    ipe_frame_t frame{};
+    ipe_sample_t sample;
+    frame.can_id = can_id;
+    frame.bus = static_cast<uint8_t>(bus);
+    frame.length = static_cast<uint8_t>(data.size());
+    std::memcpy(frame.data, data.c_str(), data.size());
+    nb::dict d;
+    if (ipe_decode_frame(&decode, &frame, &sample) != IPE_OK) { return d; }
+    for (int i = 0; i < sample.n; ++i) { d[nb::int_(int(sample.item[i].quantity))] = sample.item[i].value; }
+    return d;
+}
+
+nb::dict quantities()
+{
+    nb::dict d;
+    const char* const axis[] = {"x", "y", "z"};
+    const char* const q[] = {"q_w", "q_x", "q_y", "q_z"};
+    for (int i = 0; i < 3; ++i) {
+        d[(std::string("acc_") + axis[i]).c_str()] = IPE_Q_ACC_X + i;
+        d[(std::string("gyro_") + axis[i]).c_str()] = IPE_Q_GYRO_X + i;
+        d[(std::string("pos_") + axis[i]).c_str()] = IPE_Q_POS_X + i;
+    }
+    for (int i = 0; i < 4; ++i) { d[q[i]] = IPE_Q_QUAT_W + i; }
+    d["roll"] = IPE_Q_ROLL + 0, d["pitch"] = IPE_Q_ROLL + 1, d["yaw"] = IPE_Q_ROLL + 2;
+    for (int i = 0; i < IPE_CABLES_MAX; ++i) { d[("f_" + std::to_string(i + 1)).c_str()] = IPE_Q_F_1 + i; }
+    d["imu_counter"] = int(IPE_Q_IMU_COUNTER), d["force_counter"] = int(IPE_Q_FORCE_COUNTER);
+    d["pos_counter"] = int(IPE_Q_POS_COUNTER), d["imu_time"] = int(IPE_Q_IMU_TIME);
+    d["force_time"] = int(IPE_Q_FORCE_TIME), d["pos_time"] = int(IPE_Q_POS_TIME);
+    return d;
+}
+
+}  // namespace
+
+NB_MODULE(inertiad_core, m)
+{
+    nb::set_leak_warnings(false);
+    m.doc() = "The inertiad C core: cable lines, wrench, regressor, weak form, filter, consistency, pipeline.";
+    m.attr("QUANTITIES") = quantities();
+
+    nb::class_<inertiad::Config>(m, "Config", "A checked robot configuration, from the bytes of robot.cfg.")
+        .def("__init__",
+             [](inertiad::Config* self, const nb::bytes& data) {
+                 new (self) inertiad::Config(inertiad::Config::from_bytes(data.c_str(), data.size()));
+             }, "data"_a, "ValueError, with the reason, if the bytes are damaged, of another version or out of range.")
+        .def_prop_ro("n_cables", &inertiad::Config::n_cables);
+
+    m.def("cable_geometry", &cable_geometry, "config"_a, "p"_a, "R"_a,
+          "(u [N,m,3] unit vectors in W from the attachment to the leave point, free length [N,m], length with arc [N,m]), "
+          "for positions p [N,3] in W and rotations R [N,3,3] P to W. ValueError where a cable has no direction. cable.h");
+    m.def("wrench_matrix", &wrench_matrix, "config"_a, "p"_a, "R"_a, "point"_a,
+          "(W [N,6,m], sag [N,6]) with wrench = W f + sag about the body point [3], P axes. wrench.h");
+    m.def("regressor", &regressor, "s"_a, "w"_a, "alpha"_a,
+          "Y [N,6,10] from specific force, rate and angular acceleration [N,3] at the reference point. regressor.h");
+    m.def("shift", &inertiad::shift, "theta"_a, "d"_a, "theta [10] about the point (old - d [3]). body.h");
+    m.def("body", [](const inertiad::Theta& theta, const inertiad::Covariance& P) { return body_dict(inertiad::body(theta, P)); },
+          "theta"_a, "P"_a, "dict of mass, cog, inertia_cog and their _std. ValueError if the mass is not positive. body.h");
+    m.def("body_jacobian",
+          [](const inertiad::Theta& theta) {
+              inertiad::Covariance G;
+              ipe_body_jacobian(theta.data(), inertiad::as_array(G));
+              return G;
+          }, "theta"_a, "d(mass, cog, inertia_cog)/d(theta) [10,10]. body.h");
+    m.def("pseudo_inertia", &inertiad::pseudo_inertia, "theta"_a, "[4,4]. consistency.h");
+    m.def("is_consistent", &inertiad::is_consistent, "theta"_a, "Can a body with these parameters exist? consistency.h");
+    m.def("averages", &averages, "config"_a, "t_ns"_a, "s"_a, "w"_a, "y"_a,
+          "dict of t [M], s, w, alpha [M,3], ww, y [M,6] and length: the weak form's windows of N rows. window.h");
+    m.def("decode_raw", &decode_raw, "data"_a, "start"_a, "length"_a, "big_endian"_a, "is_signed"_a,
+          "Raw bits of a signal, extended to 64 bits. decode.h");
+    m.def("decode_frame", &decode_frame, "config"_a, "bus"_a, "can_id"_a, "data"_a, "{quantity number: SI value}. decode.h");
+
+    nb::class_<OwnedRls>(m, "Rls", "Recursive least squares, P = U D U^T. rls.h")
+        .def(nb::init<const inertiad::Theta&, const inertiad::Covariance&>(), "x"_a, "P"_a)
+        .def("update", &OwnedRls::update, "Y"_a, "y"_a, "L"_a, "Fold in y [6] = Y [6,10] x + e, cov(e) = L L^T; returns NIS.")
+        .def_prop_ro("x", [](const OwnedRls& r) { return inertiad::Theta(r.view.x()); })
+        .def_prop_ro("P", [](const OwnedRls& r) { return r.view.P(); });
+
+    nb::class_<OwnedPipeline>(m, "Pipeline", "CAN frames and positions in, estimate out. pipeline.h")
+        .def(nb::init<const inertiad::Config&>(), "config"_a)
+        .def("push_frame", &OwnedPipeline::push_frame, "t_ns"_a, "bus"_a, "can_id"_a, "data"_a, "flags"_a = 0,
+             "Status of one CAN frame: 0 taken, > 0 nothing for us, < 0 refused.")
+        .def("push_position", [](OwnedPipeline& p, int64_t t_ns, const inertiad::Vector3& x) { return int(p.view.push_position(t_ns, x)); },
+             "t_ns"_a, "position"_a)
+        .def("step", [](OwnedPipeline& p) { ipe_row_t row; return int(p.view.step(row)); },
+             "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
+        .def("flush", [](OwnedPipeline& p) { p.view.flush(); })
+        .def_prop_ro("estimate", &OwnedPipeline::estimate)
+        .def_prop_ro("counters", &OwnedPipeline::counters);
+}
