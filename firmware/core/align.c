@@ -63,7 +63,7 @@ static bool read_attitude(const ipe_align_t* a, const double* value, double q[4]
     return fabs(norm - 1.0) < 0.1;
 }
 
-static ipe_status_t store(ipe_align_t* a, ipe_sensor_t sensor, const double* value)
+static void store(ipe_align_t* a, ipe_sensor_t sensor, const double* value, const double q[4])
 {
     const uint64_t at = a->ring[sensor].head % IPE_RING;
     if (sensor == IPE_FORCE) {
@@ -71,15 +71,9 @@ static ipe_status_t store(ipe_align_t* a, ipe_sensor_t sensor, const double* val
     } else if (sensor == IPE_POSITION) {
         memcpy(a->position[at], value, sizeof(double) * 3);
     } else {
-        double q[4];
-        if (!read_attitude(a, value + 6, q)) {
-            ++a->n_bad_quaternion;
-            return IPE_ERR_RANGE;
-        }
         memcpy(a->imu[at], value, sizeof(double) * 6);
-        memcpy(a->imu[at] + 6, q, sizeof q);
+        memcpy(a->imu[at] + 6, q, sizeof(double) * 4);
     }
-    return IPE_OK;
 }
 
 static size_t width(const ipe_align_t* a, ipe_sensor_t sensor)
@@ -93,10 +87,15 @@ ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
         ++a->n_nonfinite[sensor];
         return IPE_ERR_NONFINITE;
     }
+    double q[4];
+    if (sensor == IPE_IMU && !read_attitude(a, value + 6, q)) {
+        ++a->n_bad_quaternion;
+        return IPE_ERR_RANGE;
+    }
     const int64_t instant = t_ns - a->delay_ns[sensor];
-    ipe_status_t status = check_time(a, sensor, instant);
-    if (status == IPE_OK) { status = store(a, sensor, value); }
+    const ipe_status_t status = check_time(a, sensor, instant);
     if (status != IPE_OK) { return status; }
+    store(a, sensor, value, q);
     ipe_ring_t* ring = &a->ring[sensor];
     ring->t_ns[ring->head % IPE_RING] = instant;
     ++ring->head;

@@ -4,7 +4,7 @@
 /// A row waits until force and position reach past its instant, at most max_wait; they are interpolated there by a cubic
 /// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. What a row
 /// could not get is counted by cause and the row is dropped: a row is whole or it does not exist.
-/// 33 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
+/// 25 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
 /// were pushed, as long as no row waits longer than max_wait.
 #ifndef IPE_ALIGN_H
 #define IPE_ALIGN_H
@@ -13,7 +13,7 @@
 #include "group.h"
 #include "types.h"
 
-enum { IPE_RING = 128 };
+enum { IPE_RING = 96 };
 
 /// The last IPE_RING samples of one sensor; sample i is at i % IPE_RING.
 typedef struct {

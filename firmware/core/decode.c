@@ -26,6 +26,7 @@ void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config)
 {
     memset(d, 0, sizeof *d);
     for (int i = 0; i < IPE_BUSES_MAX; ++i) { d->bit_time[i] = config->bus_bitrate[i] > 0.0 ? 1.0 / config->bus_bitrate[i] : 0.0; }
+    d->signal = config->signal;
     int n = 0;
     for (int i = 0; i < config->n_signals; ++i) {
         const ipe_signal_t* head = &config->signal[i];
@@ -36,7 +37,7 @@ void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config)
         d->slot[at].frame_length = (uint8_t)head->frame_length;
         d->slot[at].first = (uint8_t)n;
         for (int j = i; j < config->n_signals; ++j) {
-            if (same_message(head, &config->signal[j])) { d->signal[n++] = config->signal[j]; }
+            if (same_message(head, &config->signal[j])) { d->order[n++] = (uint8_t)j; }
         }
         d->slot[at].n = (uint8_t)(n - d->slot[at].first);
     }
@@ -144,8 +145,8 @@ ipe_status_t ipe_decode_frame(ipe_decode_t* d, const ipe_frame_t* frame, ipe_sam
     sample->t_ns = frame->t_ns;
     sample->wire_time = wire_time(d, frame);
     sample->n = 0;
-    const ipe_signal_t* signal = &d->signal[d->slot[at].first];
-    for (unsigned i = 0; i < d->slot[at].n; ++i) { decode_signal(d, &signal[i], data, sample); }
+    const uint8_t* order = &d->order[d->slot[at].first];
+    for (unsigned i = 0; i < d->slot[at].n; ++i) { decode_signal(d, &d->signal[order[i]], data, sample); }
     ++d->n_decoded;
     return sample->n > 0 ? IPE_OK : IPE_IGNORED;
 }

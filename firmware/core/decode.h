@@ -2,7 +2,7 @@
 /// CAN frame -> values in SI, by a table made from DBC signals.
 ///
 /// Any start bit, length 1..64, byte order, sign, IEEE float32/float64, scale, offset, one level of multiplexing.
-/// The table is built once; a frame costs one hash probe and about 5 ns per signal. 6 KB of state, one thread.
+/// The table is built once; a frame costs one hash probe and about 5 ns per signal. 2 KB of state, one thread.
 #ifndef IPE_DECODE_H
 #define IPE_DECODE_H
 
@@ -25,9 +25,10 @@ enum { IPE_DECODE_SLOTS = 256 };
 typedef struct {
     struct {
         uint32_t can_id;
-        uint8_t bus, frame_length, first, n;  ///< signals first .. first + n - 1; n = 0: empty slot
+        uint8_t bus, frame_length, first, n;  ///< order[first .. first + n - 1]; n = 0: empty slot
     } slot[IPE_DECODE_SLOTS];
-    ipe_signal_t signal[IPE_SIGNALS_MAX];     ///< sorted so that those of one message are neighbours
+    const ipe_signal_t* signal;               ///< the configuration's
+    uint8_t order[IPE_SIGNALS_MAX];           ///< indices of it, those of one message neighbours
     double bit_time[IPE_BUSES_MAX];           ///< s, 0: unknown
 
     uint64_t n_frames;         ///< every frame pushed = sum of the counters below that are per frame
@@ -40,7 +41,7 @@ typedef struct {
     uint64_t n_out_of_range;   ///< signals refused: outside the limits of the DBC
 } ipe_decode_t;
 
-/// Build the table from config->signal. Cost: once, n_signals^2.
+/// Build the table from config->signal, which is kept by pointer and must outlive it. Cost: once, n_signals^2.
 void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config);
 
 /// Decode one frame. Signals that are not finite or out of range are left out of the sample and counted.

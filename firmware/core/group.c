@@ -3,6 +3,9 @@
 
 #include <string.h>
 
+#define SPREAD 0.8           // of the period that the frames of a sample without counter may take
+#define DROPPED_IN_A_ROW 4   // samples, then the period is measured again
+
 static void require(ipe_group_t* g, int first, int n)
 {
     int at = __builtin_popcountll(g->required);
@@ -67,13 +70,25 @@ static content_t content_of(const ipe_group_t* g, const ipe_sample_t* sample)
     return c;
 }
 
+static double seconds(int64_t from_ns, int64_t to_ns)
+{
+    return 1e-9 * (double)(to_ns - from_ns);
+}
+
 /// Does a frame with this content start another sample than the open one?
 static bool starts_another(const ipe_group_t* g, const content_t* c, int64_t t_ns)
 {
-    if (c->has_counter && g->counter >= 0.0) { return c->counter != g->counter; }
-    if (g->has_counter) { return false; }
-    const double since = 1e-9 * (double)(t_ns - g->opened_ns);
-    return (g->present & c->present) != 0 || (g->period > 0.0 && since > 0.8 * g->period);
+    if (c->has_counter) { return c->counter != g->counter; }
+    const double longest = (g->has_counter ? 1.0 : SPREAD) * g->period;
+    const bool is_late = g->period > 0.0 && seconds(g->opened_ns, t_ns) > longest;
+    return is_late || (!g->has_counter && (g->present & c->present) != 0);
+}
+
+/// No sample is open: does this frame repeat the last one?
+static bool repeats_last(const ipe_group_t* g, const content_t* c, int64_t t_ns)
+{
+    if (!g->has_counter || g->n_complete == 0) { return false; }
+    return c->has_counter ? c->counter == g->completed_counter : seconds(g->completed_ns, t_ns) <= g->period;
 }
 
 static void open_sample(ipe_group_t* g, int64_t t_ns)
@@ -103,16 +118,27 @@ static void take_values(ipe_group_t* g, const ipe_sample_t* sample, uint64_t wan
 
 static void close_sample(ipe_group_t* g)
 {
-    const double interval = 1e-9 * (double)(g->opened_ns - g->completed_ns);
-    if (g->n_complete == 1) {
+    const double interval = seconds(g->completed_ns, g->opened_ns);
+    if (g->n_complete > 0 && g->n_intervals++ == 0) {
         g->period = interval;
-    } else if (g->n_complete > 1 && interval < 2.0 * g->period) {
+    } else if (interval < 2.0 * g->period) {
         g->period += 0.1 * (interval - g->period);
     }
+    g->n_dropped_in_a_row = 0;
     g->completed_ns = g->opened_ns;
     g->completed_counter = g->counter;
     g->is_open = false;
     ++g->n_complete;
+}
+
+static void drop_sample(ipe_group_t* g)
+{
+    g->is_open = false;
+    ++g->n_incomplete;
+    if (++g->n_dropped_in_a_row >= DROPPED_IN_A_ROW) {
+        g->period = 0.0;
+        g->n_intervals = 0;
+    }
 }
 
 ipe_status_t ipe_group_push(ipe_group_t* g, const ipe_sample_t* sample, ipe_reading_t* reading)
@@ -120,15 +146,18 @@ ipe_status_t ipe_group_push(ipe_group_t* g, const ipe_sample_t* sample, ipe_read
     const content_t c = content_of(g, sample);
     if (c.present == 0 && !c.has_counter) { return IPE_IGNORED; }
     const int64_t t_ns = sample->t_ns - (int64_t)(1e9 * sample->wire_time);
-    if (!g->is_open && c.has_counter && g->n_complete > 0 && c.counter == g->completed_counter) {
-        ++g->n_duplicate;
-        return IPE_NOT_READY;
+    if (g->is_open && starts_another(g, &c, t_ns)) { drop_sample(g); }
+    if (!g->is_open) {
+        if (repeats_last(g, &c, t_ns)) {
+            ++g->n_duplicate;
+            return IPE_NOT_READY;
+        }
+        if (g->has_counter && !c.has_counter) {  // what it belongs to was lost
+            ++g->n_incomplete;
+            return IPE_NOT_READY;
+        }
+        open_sample(g, t_ns);
     }
-    if (g->is_open && starts_another(g, &c, t_ns)) {
-        ++g->n_incomplete;
-        g->is_open = false;
-    }
-    if (!g->is_open) { open_sample(g, t_ns); }
     if (c.has_counter) { g->counter = c.counter; }
     if (g->present & c.present) { ++g->n_duplicate; }
     take_values(g, sample, c.present & ~g->present);

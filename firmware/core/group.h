@@ -2,7 +2,8 @@
 /// Values from several frames -> one complete sample of a sensor.
 ///
 /// A sample of an IMU or of eight force sensors comes in several CAN frames. They belong together when they carry the
-/// same sample counter; without a counter, when no value is repeated and they lie within 0.8 of the measured period.
+/// same sample counter; a frame that has no room for it belongs to the counter it follows, within a period. Without any
+/// counter, they belong together when no value is repeated and they lie within 0.8 of the measured period.
 /// A sample that stays incomplete is dropped whole and counted: values of two instants never meet in one sample.
 /// 250 B of state per sensor, one thread.
 #ifndef IPE_GROUP_H
@@ -34,6 +35,8 @@ typedef struct {
     double period;                   ///< s between complete samples, smoothed; 0: not known
     int64_t completed_ns;            ///< opening stamp of the last complete sample
     double completed_counter;        ///< its counter
+    int n_dropped_in_a_row;          ///< many: the period is doubted and measured again
+    int n_intervals;                 ///< between complete samples since the period is measured
     ipe_reading_t reading;
 
     uint64_t n_complete;

@@ -9,8 +9,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#define SMALLEST_STD 1e-12        // of a systematic parameter declared perfect: the factored filter needs D > 0
+#define COVERAGE 1.25             // on every sigma: what the noise model still leaves out, see firmware/DESIGN.md
+
 static_assert(sizeof(ipe_pipeline_t) <= 64 * 1024, "the state's budget in firmware/DESIGN.md");
-static_assert(sizeof(ipe_rls_t) <= 6 * 1024, "the filter's budget in firmware/DESIGN.md");
 
 /// Seconds after which the sensor's device time starts again at 0, from the signal that carries it.
 static double device_time_wrap(const ipe_config_t* config, ipe_sensor_t sensor)
@@ -24,17 +26,19 @@ static double device_time_wrap(const ipe_config_t* config, ipe_sensor_t sensor)
     return 0.0;
 }
 
-/// The prior is about P; the filter works about the IMU.
+/// States: theta about the IMU (the configured prior is about P), then the systematic parameters, all zero so far.
 static ipe_status_t init_filter(ipe_pipeline_t* p)
 {
     const ipe_config_t* k = &p->config;
     const double to_imu[3] = {-k->imu_position[0], -k->imu_position[1], -k->imu_position[2]};
-    double theta[IPE_NP], P[IPE_NP][IPE_NP];
+    double theta[IPE_NP], P[IPE_NP][IPE_NP], xi_std[IPE_XI_MAX] = {0.0};
     memcpy(theta, k->prior_theta, sizeof theta);
     memcpy(P, k->prior_covariance, sizeof P);
     ipe_body_shift(to_imu, theta, P);
-    memcpy(p->whitening, k->residual_covariance, sizeof p->whitening);
-    return cholesky(&p->whitening[0][0], IPE_NY) ? ipe_rls_init(&p->rls, theta, P) : IPE_ERR_CONFIG;
+    ipe_systematic_std(k, xi_std);
+    for (int i = 0; i < IPE_XI_MAX; ++i) { xi_std[i] = fmax(xi_std[i], SMALLEST_STD); }
+    const ipe_status_t status = ipe_noise_init(&p->noise, k->residual_covariance);
+    return status == IPE_OK ? ipe_rls_init(&p->rls, theta, P, ipe_systematic_filter_count(k->n_cables), xi_std) : status;
 }
 
 ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size)
@@ -85,18 +89,57 @@ ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const d
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }
 
+/// Equations of one window in the filter's states: y = [Y, -X] [theta; xi] + noise. H [6][n].
+static ipe_status_t build_equations(const ipe_pipeline_t* p, const ipe_average_t* average, double* H)
+{
+    double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
+    const int n = p->rls.n;
+    ipe_regressor(average->s, average->ww, average->alpha, Y);
+    if (ipe_systematic_columns(&p->config, average, p->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
+    for (int j = 0; j < IPE_NY; ++j) {
+        memcpy(H + j * n, Y[j], sizeof Y[j]);
+        for (int i = IPE_NP; i < n; ++i) { H[j * n + i] = -X[j][i - IPE_NP]; }
+    }
+    return IPE_OK;
+}
+
+static void read_systematic(const ipe_pipeline_t* p, ipe_estimate_t* e)
+{
+    e->n_systematic = p->rls.n - IPE_NP;
+    for (int i = 0; i < e->n_systematic; ++i) {
+        e->systematic[i] = p->rls.x[IPE_NP + i];
+        e->systematic_std[i] = COVERAGE * ipe_rls_std(&p->rls, IPE_NP + i);
+    }
+}
+
 /// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no mass.
 static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average, double nis, ipe_estimate_t* estimate)
 {
     ipe_estimate_t e = {.t_ns = average->t_ns, .n_windows = p->rls.n_updates, .n_rows = p->n_rows, .nis = nis};
     memcpy(e.theta, p->rls.x, sizeof e.theta);
-    ipe_rls_covariance(&p->rls, e.covariance);
+    ipe_rls_covariance(&p->rls, IPE_NP, &e.covariance[0][0]);
+    for (int i = 0; i < IPE_NP; ++i) {
+        for (int j = 0; j < IPE_NP; ++j) { e.covariance[i][j] *= COVERAGE * COVERAGE; }
+    }
     ipe_body_shift(p->config.imu_position, e.theta, e.covariance);
     if (ipe_body_from_theta(e.theta, e.covariance, &e.body) != IPE_OK) { return false; }
     if (!all_finite(e.theta, IPE_NP) || !all_finite(&e.covariance[0][0], IPE_NP * IPE_NP) || !isfinite(nis)) { return false; }
+    read_systematic(p, &e);
     e.consistent = ipe_consistency_check(e.theta);
     *estimate = e;
     return true;
+}
+
+/// One window's equations into the filter.
+static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* average, double* nis)
+{
+    double H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], variance[IPE_NY];
+    ipe_status_t status = build_equations(p, average, H);                              // averages -> [Y, -X]
+    if (status != IPE_OK) { return status; }
+    ipe_rls_innovation(&p->rls, H, average->y, innovation, variance);
+    status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, nis);                  // equations -> theta, xi, P
+    if (status == IPE_OK) { ipe_noise_push(&p->noise, innovation, variance); }         // innovations -> noise level
+    return status;
 }
 
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
@@ -104,7 +147,8 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     ipe_motion_t motion;
     ipe_wrench_t wrench;
     ipe_average_t average;
-    double Y[IPE_NY][IPE_NP], nis;
+    double nis;
+    const uint64_t restarts = p->window.n_restarts;
 
     ipe_status_t status = ipe_align_pop(&p->align, row);                               // samples -> row
     if (status != IPE_OK) { return status; }
@@ -112,9 +156,9 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     if (status != IPE_OK) { return status; }
     status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);       // rows -> weak form
     p->n_rows += status >= IPE_OK;
+    if (p->window.n_restarts != restarts) { ipe_noise_restart(&p->noise); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    ipe_regressor(average.s, average.ww, average.alpha, Y);                            // averages -> Y theta = y
-    status = ipe_rls_update(&p->rls, Y, average.y, p->whitening, &nis);                // equations -> theta, P
+    status = update_filter(p, &average, &nis);                                         // equations -> theta, xi, P
     if (status != IPE_OK) { return status; }
     if (!make_estimate(p, &average, nis, &p->estimate)) {                              // theta -> body, consistency
         ++p->n_refused;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// CAN frames and tracker positions in, the ten inertial parameters out.
 ///
-///   frame --> decode --> group --> clock --> align --> wrench --> window --> regressor --> rls --> body, consistency
+///   frame --> decode --> group --> clock --> align --> wrench --> window --> regressor, systematic --> noise, rls
+///         --> body, consistency
 ///
 /// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
 #ifndef IPE_PIPELINE_H
@@ -13,6 +14,7 @@
 #include "config.h"
 #include "decode.h"
 #include "group.h"
+#include "noise.h"
 #include "rls.h"
 #include "types.h"
 #include "window.h"
@@ -25,6 +27,9 @@ typedef struct {
     ipe_body_t body;                     ///< mass, CoG, inertia about C, with standard deviations
     double theta[IPE_NP];                ///< m, h, J about P
     double covariance[IPE_NP][IPE_NP];   ///< of theta
+    int n_systematic;                    ///< systematic parameters carried, see systematic.h
+    double systematic[IPE_XI_FILTER_MAX];     ///< correction to the configured calibration
+    double systematic_std[IPE_XI_FILTER_MAX];
     bool consistent;                     ///< a body that can exist
     double nis;                          ///< normalised innovation squared of the last window
 } ipe_estimate_t;
@@ -39,7 +44,7 @@ typedef struct {
     ipe_wrench_stage_t wrench;
     ipe_window_t window;
     ipe_rls_t rls;
-    double whitening[IPE_NY][IPE_NY];    ///< Cholesky factor of the residual covariance
+    ipe_noise_t noise;
     ipe_estimate_t estimate;
     uint64_t n_rows;                     ///< aligned rows that entered the window
     uint64_t n_refused;                  ///< estimates not published because a value was not finite

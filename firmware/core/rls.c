@@ -5,38 +5,78 @@
 
 #include <string.h>
 
+#define LARGEST 1e15   // standard deviations; no sensor reads more, and its square still is a number
+
 static int column(int j)
 {
     return j * (j - 1) / 2;
 }
 
-ipe_status_t ipe_rls_init(ipe_rls_t* s, const double x[IPE_NP], const double P[IPE_NP][IPE_NP])
+/// U D U^T of the prior's theta block. False if it is not positive definite.
+static bool factorise(ipe_rls_t* s, const double P[IPE_NP][IPE_NP])
+{
+    for (int j = IPE_NP - 1; j >= 0; --j) {
+        for (int i = j; i >= 0; --i) {
+            double rest = P[i][j];
+            for (int k = j + 1; k < IPE_NP; ++k) { rest -= s->U[column(k) + i] * s->D[k] * s->U[column(k) + j]; }
+            if (i == j) {
+                s->D[j] = rest;
+            } else {
+                s->U[column(j) + i] = rest / s->D[j];
+            }
+        }
+        if (!(s->D[j] > 0.0)) { return false; }
+    }
+    return true;
+}
+
+ipe_status_t ipe_rls_init(ipe_rls_t* s, const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], int n_xi,
+                          const double* xi_std)
 {
     memset(s, 0, sizeof *s);
-    memcpy(s->x, x, sizeof s->x);
-    double A[IPE_NP][IPE_NP];
-    memcpy(A, P, sizeof A);
-    for (int j = IPE_NP - 1; j >= 0; --j) {
-        s->D[j] = A[j][j];
-        if (!(s->D[j] > 0.0)) { return IPE_ERR_CONFIG; }
-        for (int i = 0; i < j; ++i) { s->U[column(j) + i] = A[i][j] / s->D[j]; }
-        for (int i = 0; i < j; ++i) {
-            for (int k = 0; k <= i; ++k) { A[k][i] -= s->U[column(j) + k] * s->D[j] * s->U[column(j) + i]; }
+    if (n_xi < 0 || n_xi > IPE_XI_FILTER_MAX) { return IPE_ERR_CONFIG; }
+    s->n = IPE_NP + n_xi;
+    memcpy(s->x, theta, sizeof(double) * IPE_NP);
+    for (int i = 0; i < n_xi; ++i) {
+        s->D[IPE_NP + i] = xi_std[i] * xi_std[i];
+        if (!(s->D[IPE_NP + i] > 0.0)) { return IPE_ERR_CONFIG; }
+    }
+    return factorise(s, P) ? IPE_OK : IPE_ERR_CONFIG;
+}
+
+/// f = U^T h.
+static double factor(const ipe_rls_t* s, const double* h, int j)
+{
+    const double* U = &s->U[column(j)];
+    double f = h[j];
+    for (int i = 0; i < j; ++i) { f += U[i] * h[i]; }
+    return f;
+}
+
+void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_NY], double innovation[IPE_NY],
+                        double variance[IPE_NY])
+{
+    for (int i = 0; i < IPE_NY; ++i) {
+        const double* h = H + i * s->n;
+        innovation[i] = y[i];
+        variance[i] = 0.0;
+        for (int j = 0; j < s->n; ++j) {
+            const double f = factor(s, h, j);
+            innovation[i] -= h[j] * s->x[j];
+            variance[i] += f * f * s->D[j];
         }
     }
-    return IPE_OK;
 }
 
 /// One scalar row h x = y of unit variance. Returns the squared normalised innovation.
-static double update_row(ipe_rls_t* s, const double h[IPE_NP], double y)
+static double update_row(ipe_rls_t* s, const double* h, double y)
 {
-    double b[IPE_NP];
+    double b[IPE_NX_MAX];
     double a = 1.0;
     double innovation = y;
-    for (int j = 0; j < IPE_NP; ++j) {
+    for (int j = 0; j < s->n; ++j) {
         double* U = &s->U[column(j)];
-        double f = h[j];
-        for (int i = 0; i < j; ++i) { f += U[i] * h[i]; }
+        const double f = factor(s, h, j);
         const double g = s->D[j] * f;
         const double a_before = a;
         a += f * g;
@@ -51,61 +91,76 @@ static double update_row(ipe_rls_t* s, const double h[IPE_NP], double y)
         innovation -= h[j] * s->x[j];
     }
     const double step = innovation / a;
-    for (int j = 0; j < IPE_NP; ++j) { s->x[j] += b[j] * step; }
+    for (int j = 0; j < s->n; ++j) { s->x[j] += b[j] * step; }
     return innovation * step;
 }
 
-/// L^-1 [Y y] row by row.
-static void whiten(const double Y[IPE_NY][IPE_NP], const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
-                   double H[IPE_NY][IPE_NP], double z[IPE_NY])
+/// H = L^-1 H and z = L^-1 y, row by row.
+static void whiten(double* H, int n, const double y[IPE_NY], const double L[IPE_NY][IPE_NY], double z[IPE_NY])
 {
     for (int i = 0; i < IPE_NY; ++i) {
-        memcpy(H[i], Y[i], sizeof H[i]);
+        double* row = H + i * n;
         z[i] = y[i];
         for (int k = 0; k < i; ++k) {
-            for (int j = 0; j < IPE_NP; ++j) { H[i][j] -= L[i][k] * H[k][j]; }
+            for (int j = 0; j < n; ++j) { row[j] -= L[i][k] * H[k * n + j]; }
             z[i] -= L[i][k] * z[k];
         }
         const double scale = 1.0 / L[i][i];
-        for (int j = 0; j < IPE_NP; ++j) { H[i][j] *= scale; }
+        for (int j = 0; j < n; ++j) { row[j] *= scale; }
         z[i] *= scale;
     }
 }
 
-ipe_status_t ipe_rls_update(ipe_rls_t* s, const double Y[IPE_NY][IPE_NP], const double y[IPE_NY],
-                            const double L[IPE_NY][IPE_NY], double* nis)
+static bool all_plausible(const double* v, int n)
 {
-    double H[IPE_NY][IPE_NP], z[IPE_NY];
-    whiten(Y, y, L, H, z);
-    if (!all_finite(&H[0][0], IPE_NY * IPE_NP) || !all_finite(z, IPE_NY)) {
+    for (int i = 0; i < n; ++i) {
+        if (!(fabs(v[i]) <= LARGEST)) { return false; }
+    }
+    return true;
+}
+
+ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY], double* nis)
+{
+    double z[IPE_NY];
+    whiten(H, s->n, y, L, z);
+    if (!all_plausible(H, IPE_NY * s->n) || !all_plausible(z, IPE_NY)) {
         ++s->n_nonfinite;
         return IPE_ERR_NONFINITE;
     }
     *nis = 0.0;
-    for (int i = 0; i < IPE_NY; ++i) { *nis += update_row(s, H[i], z[i]); }
+    for (int i = 0; i < IPE_NY; ++i) { *nis += update_row(s, H + i * s->n, z[i]); }
     ++s->n_updates;
     return IPE_OK;
 }
 
-void ipe_rls_covariance(const ipe_rls_t* s, double P[IPE_NP][IPE_NP])
+static double element(const ipe_rls_t* s, int i, int k)
 {
-    for (int i = 0; i < IPE_NP; ++i) {
-        for (int k = 0; k <= i; ++k) {
-            double sum = 0.0;
-            for (int j = i; j < IPE_NP; ++j) {
-                const double u_i = i == j ? 1.0 : s->U[column(j) + i];
-                const double u_k = k == j ? 1.0 : s->U[column(j) + k];
-                sum += u_i * s->D[j] * u_k;
-            }
-            P[i][k] = P[k][i] = sum;
-        }
+    double sum = 0.0;
+    for (int j = i > k ? i : k; j < s->n; ++j) {
+        const double u_i = i == j ? 1.0 : s->U[column(j) + i];
+        const double u_k = k == j ? 1.0 : s->U[column(j) + k];
+        sum += u_i * s->D[j] * u_k;
     }
+    return sum;
+}
+
+void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P)
+{
+    for (int i = 0; i < rows; ++i) {
+        for (int k = 0; k <= i; ++k) { P[i * rows + k] = P[k * rows + i] = element(s, i, k); }
+    }
+}
+
+double ipe_rls_std(const ipe_rls_t* s, int i)
+{
+    return sqrt(element(s, i, i));
 }
 
 bool ipe_rls_invariants_hold(const ipe_rls_t* s)
 {
-    for (int j = 0; j < IPE_NP; ++j) {
+    for (int j = 0; j < s->n; ++j) {
         if (!(s->D[j] > 0.0)) { return false; }
     }
-    return all_finite(s->x, IPE_NP) && all_finite(s->U, IPE_NU) && all_finite(s->D, IPE_NP);
+    const size_t n = (size_t)s->n;
+    return all_finite(s->x, n) && all_finite(s->D, n) && all_finite(s->U, n * (n - 1) / 2);
 }

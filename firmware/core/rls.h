@@ -1,47 +1,62 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Recursive least squares in factored form: P = U D U^T, Bierman's measurement update, no square root.
 ///
-///   y = H x + e,  e ~ N(0, 1) per whitened scalar row.   Per row (h, y):
+///   y = H x + e,  e ~ N(0, C).   Rows are whitened by C = L L^T; then per scalar row (h, y) of unit variance:
 ///   f = U^T h,  g = D f,  a_0 = 1;  for j:  a_j = a_{j-1} + f_j g_j,  d_j *= a_{j-1}/a_j,
 ///       lambda = -f_j/a_{j-1},  for i < j: (U_ij, b_i) = (U_ij + b_i lambda, b_i + g_j U_ij old),  b_j = g_j
 ///   x += b (y - h x)/a_n.   a_n is the innovation's variance.
 /// Equals batch least squares with the prior as extra rows; stays positive definite in double over 1e7 updates.
+/// The first IPE_NP states are theta; the others are the systematic parameters the robot's filter carries.
 /// Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V; firmware/DESIGN.md, "Filter".
-/// 0.7 KB of state, 0.1 us per row of 10 parameters, no heap, one thread.
+/// n (n + 3) 4 bytes in use: 5.9 KB for 8 cables; 3/2 n^2 multiplications per row; no heap, one thread.
 #ifndef IPE_RLS_H
 #define IPE_RLS_H
 
+#include "systematic.h"
 #include "types.h"
 
-enum { IPE_NU = IPE_NP * (IPE_NP - 1) / 2 };
+enum {
+    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX,
+    IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,
+};
 
 typedef struct {
-    double x[IPE_NP];       ///< the parameters
-    double U[IPE_NU];       ///< unit upper triangle of P's factor by columns: U_ij (i < j) at j (j - 1)/2 + i
-    double D[IPE_NP];       ///< its diagonal, > 0
+    int n;                  ///< states, IPE_NP .. IPE_NX_MAX
+    double x[IPE_NX_MAX];   ///< the states
+    double D[IPE_NX_MAX];   ///< diagonal of P's factor, > 0
+    double U[IPE_NU_MAX];   ///< unit upper triangle by columns: U_ij (i < j) at j (j - 1)/2 + i
 
     uint64_t n_updates;     ///< blocks of rows folded in
-    uint64_t n_nonfinite;   ///< blocks refused: NaN or Inf
+    uint64_t n_nonfinite;   ///< blocks refused: NaN, Inf or absurdly large
 } ipe_rls_t;
 
-/// Start from the prior x [10], P [10][10].
+/// Start from the prior theta [10], P [10][10] and n_xi further states, 0 +- xi_std [n_xi], independent of all others.
 ///
-/// IPE_OK; IPE_ERR_CONFIG: P is not positive definite, state not usable.
-ipe_status_t ipe_rls_init(ipe_rls_t* s, const double x[IPE_NP], const double P[IPE_NP][IPE_NP]);
+/// IPE_OK; IPE_ERR_CONFIG: n_xi not 0 .. IPE_XI_FILTER_MAX, P not positive definite or a xi_std not positive; state not
+/// usable.
+ipe_status_t ipe_rls_init(ipe_rls_t* s, const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], int n_xi,
+                          const double* xi_std);
 
-/// Fold in one block of 6 equations y = Y x + e, e ~ N(0, C), C = L L^T.
+/// Innovations y - H x [6] and their variance from the states alone, diag(H P H^T) [6]. H [6][n]. State untouched.
+void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_NY], double innovation[IPE_NY],
+                        double variance[IPE_NY]);
+
+/// Fold in one block of 6 equations y = H x + e, e ~ N(0, L L^T).
 ///
-///   Y    in   [6][10]
+///   H    in   [6][n]; out: L^-1 H
 ///   y    in   [6]
-///   L    in   [6][6] lower Cholesky factor of C
+///   L    in   [6][6] lower triangular, diagonal > 0
 ///   nis  out  sum of squared normalised innovations: chi-squared with 6 degrees of freedom
 ///
-/// IPE_OK, or IPE_ERR_NONFINITE: an input is NaN or Inf, state untouched but for the counter. About 1 us.
-ipe_status_t ipe_rls_update(ipe_rls_t* s, const double Y[IPE_NY][IPE_NP], const double y[IPE_NY],
-                            const double L[IPE_NY][IPE_NY], double* nis);
+/// IPE_OK, or IPE_ERR_NONFINITE: an input is NaN, Inf or over 1e15 standard deviations; state untouched but for the
+/// counter.
+ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY], double* nis);
 
-/// P [10][10] = U D U^T, symmetric.
-void ipe_rls_covariance(const ipe_rls_t* s, double P[IPE_NP][IPE_NP]);
+/// P [n][n] = U D U^T, symmetric; only the first rows x rows are computed and written, as [rows][rows].
+void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P);
+
+/// Standard deviation of state i.
+double ipe_rls_std(const ipe_rls_t* s, int i);
 
 /// True unless the state was corrupted: D positive, everything finite.
 bool ipe_rls_invariants_hold(const ipe_rls_t* s);

@@ -88,6 +88,7 @@ typedef struct {
 /// Force and moment of the cables on the platform at the IMU point, P axes: fx fy fz [N], tx ty tz [N m].
 typedef struct {
     double y[IPE_NY];
+    double f[IPE_CABLES_MAX];  ///< the tensions it was made from, calibrated, N
 } ipe_wrench_t;
 
 #endif

@@ -11,8 +11,6 @@
 #define MIN_QUARTER 2             // samples per quarter window
 #define STEP_BACK_S 1.0           // a stamp this far back: the clock was stepped, start again
 
-enum { AT_S = 0, AT_W = 3, AT_WW = 6, AT_Y = 12, CHANNELS = 18 };
-
 static void set_period(ipe_window_t* x, double period)
 {
     const double quarter = fmax(MIN_QUARTER, round(0.25 * x->window_length / period));
@@ -24,6 +22,7 @@ static void set_period(ipe_window_t* x, double period)
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)
 {
     memset(x, 0, sizeof *x);
+    x->n_channels = IPE_CHANNEL_F + config->n_cables;
     x->window_length = config->window_length;
     x->max_age = config->max_age[IPE_IMU];
     if (config->sample_rate > 0.0) { set_period(x, 1.0 / config->sample_rate); }
@@ -49,11 +48,15 @@ static void measure_period(ipe_window_t* x, double interval)
 
 static void remember(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* motion, const ipe_wrench_t* wrench)
 {
+    double* channel = x->previous.channel;
     x->previous.t_ns = t_ns;
-    memcpy(x->previous.channel + AT_S, motion->s, sizeof motion->s);
-    memcpy(x->previous.channel + AT_W, motion->w, sizeof motion->w);
-    ipe_rate_products(motion->w, x->previous.channel + AT_WW);
-    memcpy(x->previous.channel + AT_Y, wrench->y, sizeof wrench->y);
+    memcpy(channel + IPE_CHANNEL_S, motion->s, sizeof motion->s);
+    ipe_rate_products(motion->w, channel + IPE_CHANNEL_WW);
+    memcpy(channel + IPE_CHANNEL_Y, wrench->y, sizeof wrench->y);
+    memcpy(channel + IPE_CHANNEL_W, motion->w, sizeof motion->w);
+    memcpy(channel + IPE_CHANNEL_P, motion->p, sizeof motion->p);
+    memcpy(channel + IPE_CHANNEL_F, wrench->f, sizeof(double) * (size_t)(x->n_channels - IPE_CHANNEL_F));
+    memcpy(x->previous.R, motion->R, sizeof motion->R);
 }
 
 /// First row after a start or a gap: windows start here.
@@ -96,22 +99,32 @@ static void accumulate(ipe_window_t* x, uint64_t index, double d)
     a->moment += weight * t;
     a->slope_weight += slope_weight;
     a->slope_moment += slope_weight * t;
-    for (int i = 0; i < CHANNELS; ++i) { a->channel[i] += weight * x->previous.channel[i]; }
-    for (int i = 0; i < 3; ++i) { a->slope[i] += slope_weight * x->previous.channel[AT_W + i]; }
+    const double* channel = x->previous.channel;
+    for (int i = 0; i < x->n_channels; ++i) { a->channel[i] += weight * channel[i]; }
+    for (int i = IPE_CHANNEL_W; i < x->n_channels; ++i) { a->slope[i - IPE_CHANNEL_W] += slope_weight * channel[i]; }
+    if (z <= 2.0 + 1e-6) { memcpy(a->R, x->previous.R, sizeof a->R); }
     ++a->n_rows;
 }
 
 static void finish(ipe_window_t* x, ipe_average_t* average)
 {
     ipe_accumulator_t* a = &x->open[x->first % IPE_WINDOWS_OPEN];
-    double mean[CHANNELS];
-    for (int i = 0; i < CHANNELS; ++i) { mean[i] = a->channel[i] / a->weight; }
-    memcpy(average->s, mean + AT_S, sizeof average->s);
-    memcpy(average->w, mean + AT_W, sizeof average->w);
-    memcpy(average->ww, mean + AT_WW, sizeof average->ww);
-    memcpy(average->y, mean + AT_Y, sizeof average->y);
+    double mean[IPE_CHANNELS] = {0}, slope[IPE_SLOPES] = {0};
     const double spread = a->slope_moment - a->slope_weight * a->moment / a->weight;
-    for (int i = 0; i < 3; ++i) { average->alpha[i] = (a->slope[i] - a->slope_weight * average->w[i]) / spread; }
+    for (int i = 0; i < x->n_channels; ++i) { mean[i] = a->channel[i] / a->weight; }
+    for (int i = IPE_CHANNEL_W; i < x->n_channels; ++i) {
+        slope[i - IPE_CHANNEL_W] = (a->slope[i - IPE_CHANNEL_W] - a->slope_weight * mean[i]) / spread;
+    }
+    memcpy(average->s, mean + IPE_CHANNEL_S, sizeof average->s);
+    memcpy(average->ww, mean + IPE_CHANNEL_WW, sizeof average->ww);
+    memcpy(average->y, mean + IPE_CHANNEL_Y, sizeof average->y);
+    memcpy(average->w, mean + IPE_CHANNEL_W, sizeof average->w);
+    memcpy(average->p, mean + IPE_CHANNEL_P, sizeof average->p);
+    memcpy(average->f, mean + IPE_CHANNEL_F, sizeof average->f);
+    memcpy(average->alpha, slope, sizeof average->alpha);
+    memcpy(average->velocity, slope + IPE_CHANNEL_P - IPE_CHANNEL_W, sizeof average->velocity);
+    memcpy(average->f_slope, slope + IPE_CHANNEL_F - IPE_CHANNEL_W, sizeof average->f_slope);
+    memcpy(average->R, a->R, sizeof average->R);
     average->n_rows = a->n_rows;
     average->length = x->length;
     average->t_ns = x->origin_ns + (int64_t)llround(1e9 * x->length * (0.25 * (double)x->first + 0.5));

@@ -9,7 +9,7 @@
 /// exact for a rate that changes linearly on any sample grid, and, because L/4 is a whole number of samples, with aliases
 /// suppressed by the fourth power of a sinc on a regular one. The average of F equals the averaged Y times theta without
 /// approximation whatever the weights; only abar carries an error.
-/// Source: firmware/DESIGN.md, "Weak form". 1.4 KB of state, about 40 ns per row, one thread.
+/// Source: firmware/DESIGN.md, "Weak form". 4 KB of state, about 80 ns per row, one thread.
 #ifndef IPE_WINDOW_H
 #define IPE_WINDOW_H
 
@@ -30,20 +30,39 @@ typedef struct {
     double ww[6];          ///< rate products xx yy zz yz xz xy, rad2/s2
     double alpha[3];       ///< angular acceleration, rad/s2
     double y[IPE_NY];      ///< wrench, N, N m
+    double p[3];           ///< position of P in W, m
+    double velocity[3];    ///< its slope, m/s
+    double f[IPE_CABLES_MAX];       ///< tensions, N
+    double f_slope[IPE_CABLES_MAX]; ///< their slopes, N/s
+    double R[3][3];        ///< P to W in the window's middle
     int n_rows;
 } ipe_average_t;
+
+/// What is averaged, and from IPE_CHANNEL_W on also differentiated under the kernel.
+enum {
+    IPE_CHANNEL_S = 0,
+    IPE_CHANNEL_WW = 3,
+    IPE_CHANNEL_Y = 9,
+    IPE_CHANNEL_W = 15,
+    IPE_CHANNEL_P = 18,
+    IPE_CHANNEL_F = 21,
+    IPE_CHANNELS = IPE_CHANNEL_F + IPE_CABLES_MAX,
+    IPE_SLOPES = IPE_CHANNELS - IPE_CHANNEL_W,
+};
 
 typedef struct {
     double weight;         ///< sum phi d
     double moment;         ///< sum phi d t
     double slope_weight;   ///< sum phi' d
     double slope_moment;   ///< sum phi' d t
-    double channel[18];    ///< sum phi d {s 3, w 3, ww 6, y 6}
-    double slope[3];       ///< sum phi' d w
+    double channel[IPE_CHANNELS];  ///< sum phi d channel
+    double slope[IPE_SLOPES];      ///< sum phi' d channel
+    double R[3][3];        ///< of the last row up to the middle
     int n_rows;
 } ipe_accumulator_t;
 
 typedef struct {
+    int n_channels;        ///< in use: the robot's cables end them
     double window_length;  ///< s, as configured
     double max_age;        ///< s, gap that restarts the windows whatever the sample rate
     double period;         ///< s between rows; 0: being measured
@@ -56,7 +75,8 @@ typedef struct {
     ipe_accumulator_t open[IPE_WINDOWS_OPEN];
     struct {
         int64_t t_ns;
-        double channel[18];
+        double channel[IPE_CHANNELS];
+        double R[3][3];
     } previous;            ///< the row that waits for its successor's stamp
     double spacing;        ///< s between previous and the one before
     int n_measured;        ///< intervals seen while measuring the period

@@ -83,7 +83,8 @@ ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ip
 {
     const ipe_config_t* k = w->config;
     motion_from_row(w, row, motion);
-    double W[IPE_NY][IPE_CABLES_MAX], f[IPE_CABLES_MAX];
+    double W[IPE_NY][IPE_CABLES_MAX];
+    double* f = wrench->f;
     if (ipe_wrench_matrix(k, motion->p, motion->R, k->imu_position, W, wrench->y) != IPE_OK) {
         ++w->n_geometry;
         return IPE_ERR_GEOMETRY;

@@ -6,6 +6,7 @@
 #include <inertiad/config.hpp>
 #include <inertiad/pipeline.hpp>
 #include <inertiad/rls.hpp>
+#include <inertiad/windows.hpp>
 
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
@@ -159,28 +160,87 @@ struct OwnedPipeline {
         const ipe_estimate_t& e = view.estimate();
         nb::dict d = body_dict(e.body);
         d["t_ns"] = e.t_ns, d["n_windows"] = e.n_windows, d["n_rows"] = e.n_rows;
+        d["systematic"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(e.systematic, e.n_systematic));
+        d["systematic_std"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(e.systematic_std, e.n_systematic));
         d["consistent"] = e.consistent, d["nis"] = e.nis;
         d["theta"] = inertiad::Theta(view.theta());
         d["covariance"] = inertiad::Covariance(view.covariance());
         return d;
     }
 
+    /// Step until no row is ready, keeping the rows.
+    void drain()
+    {
+        ipe_row_t row;
+        for (int status; (status = view.step(row)) != IPE_NOT_READY;) {
+            if (status >= IPE_OK) { rows.push_back(row); }
+        }
+    }
+
     std::unique_ptr<ipe_pipeline_t> state;
     inertiad::Pipeline view;
+    std::vector<ipe_row_t> rows;
+};
+
+/// The weak equations of a run's rows.
+struct Windows {
+    Windows(const inertiad::Config& config_, const OwnedPipeline& run)
+        : config(config_), window(inertiad::windows_of(config_, run.rows))
+    {
+    }
+
+    nb::ndarray<nb::numpy, double> t() const
+    {
+        Out<1> out({window.size()});
+        for (std::size_t k = 0; k < window.size(); ++k) { out.data[k] = 1e-9 * static_cast<double>(window[k].t_ns - window[0].t_ns); }
+        return out.release();
+    }
+
+    nb::ndarray<nb::numpy, double> Y() const
+    {
+        Out<3> out({window.size(), 6, 10});
+        for (std::size_t k = 0; k < window.size(); ++k) {
+            Eigen::Map<inertiad::Regressor>(out.data + 60 * k) = inertiad::regressor(window[k]);
+        }
+        return out.release();
+    }
+
+    nb::ndarray<nb::numpy, double> y() const
+    {
+        Out<2> out({window.size(), 6});
+        for (std::size_t k = 0; k < window.size(); ++k) { std::copy_n(window[k].y, 6, out.data + 6 * k); }
+        return out.release();
+    }
+
+    nb::ndarray<nb::numpy, double> X(const inertiad::Theta& theta) const
+    {
+        const auto n_xi = static_cast<std::size_t>(ipe_systematic_count(config.n_cables()));
+        Out<3> out({window.size(), 6, n_xi});
+        for (std::size_t k = 0; k < window.size(); ++k) {
+            const inertiad::SystematicColumns X = inertiad::systematic_columns(config, window[k], theta);
+            for (std::size_t j = 0; j < 6; ++j) { std::copy_n(&X(static_cast<Eigen::Index>(j), 0), n_xi, out.data + (6 * k + j) * n_xi); }
+        }
+        return out.release();
+    }
+
+    inertiad::Config config;
+    std::vector<ipe_average_t> window;
 };
 
 /// A recursive estimator with its own state.
 struct OwnedRls {
-    OwnedRls(const inertiad::Theta& x, const inertiad::Covariance& P) : view(state)
+    OwnedRls(const inertiad::Theta& theta, const inertiad::Covariance& P, const Eigen::VectorXd& xi_std) : view(state)
     {
-        if (view.init(x, P) != IPE_OK) { throw std::invalid_argument("P: must be positive definite"); }
+        if (view.init(theta, P, xi_std) != IPE_OK) { throw std::invalid_argument("P, xi_std: must be positive definite"); }
     }
     OwnedRls(const OwnedRls&) = delete;
 
-    double update(const inertiad::Regressor& Y, const inertiad::Vector6& y, const inertiad::Matrix6& L)
+    double update(const Eigen::MatrixXd& H, const inertiad::Vector6& y, const inertiad::Matrix6& L)
     {
+        if (H.rows() != IPE_NY || H.cols() != view.n()) { throw std::invalid_argument("H: must be 6 x " + std::to_string(view.n())); }
+        inertiad::Rls::Rows rows = H;
         double nis = 0.0;
-        if (view.update(Y, y, L, nis) != IPE_OK) { throw std::invalid_argument("Y, y or L: NaN or Inf"); }
+        if (view.update(rows, y, L, nis) != IPE_OK) { throw std::invalid_argument("H, y or L: NaN or Inf"); }
         return nis;
     }
 
@@ -201,7 +261,7 @@ nb::dict averages(const inertiad::Config& config, const nb::ndarray<const int64_
     std::vector<ipe_average_t> found;
     for (std::size_t k = 0; k < n; ++k) {
         ipe_motion_t motion{};
-        ipe_wrench_t wrench;
+        ipe_wrench_t wrench{};
         ipe_average_t average;
         std::copy_n(s.data() + 3 * k, 3, motion.s);
         std::copy_n(w.data() + 3 * k, 3, motion.w);
@@ -310,10 +370,11 @@ NB_MODULE(inertiad_core, m)
     m.def("decode_frame", &decode_frame, "config"_a, "bus"_a, "can_id"_a, "data"_a, "{quantity number: SI value}. decode.h");
 
     nb::class_<OwnedRls>(m, "Rls", "Recursive least squares, P = U D U^T. rls.h")
-        .def(nb::init<const inertiad::Theta&, const inertiad::Covariance&>(), "x"_a, "P"_a)
-        .def("update", &OwnedRls::update, "Y"_a, "y"_a, "L"_a, "Fold in y [6] = Y [6,10] x + e, cov(e) = L L^T; returns NIS.")
-        .def_prop_ro("x", [](const OwnedRls& r) { return inertiad::Theta(r.view.x()); })
-        .def_prop_ro("P", [](const OwnedRls& r) { return r.view.P(); });
+        .def(nb::init<const inertiad::Theta&, const inertiad::Covariance&, const Eigen::VectorXd&>(), "theta"_a, "P"_a,
+             "xi_std"_a = Eigen::VectorXd(0))
+        .def("update", &OwnedRls::update, "H"_a, "y"_a, "L"_a, "Fold in y [6] = H [6,n] x + e, cov(e) = L L^T; returns NIS.")
+        .def_prop_ro("x", [](const OwnedRls& r) { return Eigen::VectorXd(r.view.x()); }, "[n]")
+        .def_prop_ro("P", [](const OwnedRls& r) { return r.view.P(); }, "[n,n]");
 
     nb::class_<OwnedPipeline>(m, "Pipeline", "CAN frames and positions in, estimate out. pipeline.h")
         .def(nb::init<const inertiad::Config&>(), "config"_a)
@@ -323,7 +384,22 @@ NB_MODULE(inertiad_core, m)
              "t_ns"_a, "position"_a)
         .def("step", [](OwnedPipeline& p) { ipe_row_t row; return int(p.view.step(row)); },
              "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
+        .def("drain", &OwnedPipeline::drain, "Step until no row is ready; the rows are kept for Windows.")
         .def("flush", [](OwnedPipeline& p) { p.view.flush(); })
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
+
+    nb::class_<Windows>(m, "Windows", "The weak equations y = Y theta - X xi + noise of the rows a Pipeline kept. window.h, systematic.h")
+        .def(nb::init<const inertiad::Config&, const OwnedPipeline&>(), "config"_a, "run"_a)
+        .def_prop_ro("t", &Windows::t, nb::rv_policy::move, "[M] s since the first")
+        .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
+        .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
+        .def("X", &Windows::X, "theta"_a, "[M,6,15+2m]");
+    m.def("systematic_std", [](const inertiad::Config& config) {
+        Out<1> out({static_cast<std::size_t>(ipe_systematic_count(config.n_cables()))});
+        double std[IPE_XI_MAX];
+        ipe_systematic_std(&config.c(), std);
+        std::copy_n(std, out.shape[0], out.data);
+        return out.release();
+    }, "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
 }

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The weak equations of a whole run, from its aligned rows: what batch solvers on the host work on.
+/// Same stages, same order as ipe_pipeline_step(): wrench, window, regressor.
+#pragma once
+
+#include "body.hpp"
+#include "config.hpp"
+
+#include <vector>
+
+extern "C" {
+#include "systematic.h"
+#include "window.h"
+#include "wrench.h"
+}
+
+namespace inertiad {
+
+using SystematicColumns = Eigen::Matrix<double, IPE_NY, IPE_XI_MAX, Eigen::RowMajor>;
+
+/// Windows of rows under a configuration. Rows that a stage refuses are left out, as on the platform.
+inline std::vector<ipe_average_t> windows_of(const Config& config, const std::vector<ipe_row_t>& rows)
+{
+    std::vector<ipe_average_t> found;
+    ipe_wrench_stage_t wrench_stage;
+    ipe_window_t window;
+    ipe_wrench_init(&wrench_stage, &config.c());
+    ipe_window_init(&window, &config.c());
+    for (const ipe_row_t& row : rows) {
+        ipe_motion_t motion;
+        ipe_wrench_t wrench;
+        ipe_average_t average;
+        if (ipe_wrench_from_row(&wrench_stage, &row, &motion, &wrench) != IPE_OK) { continue; }
+        if (ipe_window_push(&window, row.t_ns, &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
+    }
+    return found;
+}
+
+/// Y [6][10] of a window.
+inline Regressor regressor(const ipe_average_t& average) noexcept
+{
+    Regressor Y;
+    ipe_regressor(average.s, average.ww, average.alpha, as_array(Y));
+    return Y;
+}
+
+/// X [6][47], the first ipe_systematic_count() columns used. Throws std::domain_error where a cable has no direction.
+inline SystematicColumns systematic_columns(const Config& config, const ipe_average_t& average, const Theta& theta)
+{
+    SystematicColumns X;
+    if (ipe_systematic_columns(&config.c(), &average, theta.data(), as_array(X)) != IPE_OK) {
+        throw std::domain_error("a cable has no direction near a window's pose");
+    }
+    return X;
+}
+
+}  // namespace inertiad
