@@ -89,6 +89,8 @@ static void check_signal(check_t* c, const ipe_signal_t* s, int i)
     if (s->kind == IPE_FLOAT64) { check_range(c, "signal.length", i, s->length, 64, 64, "bits for float64"); }
     check_range(c, "signal.scale", i, fabs(s->scale), 1e-30, 1e30, "in magnitude");
     check_range(c, "signal.offset", i, s->offset, -1e30, 1e30, "");
+    check_range(c, "signal.minimum", i, s->minimum, -HUGE_VAL, HUGE_VAL, "");
+    check_range(c, "signal.maximum", i, s->maximum, s->minimum, HUGE_VAL, "");
     check_range(c, "signal.mux_start", i, s->mux_start, -1, 8.0 * s->frame_length - 1, "");
     if (s->mux_start >= 0) { check_range(c, "signal.mux_length", i, s->mux_length, 1, 32, "bits"); }
 }
@@ -158,6 +160,7 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     check_all(c, "force_gain", k->force_gain, IPE_CABLES_MAX, -0.9, 9.0, "");
     check_std(c, k);
     check_range(c, "window_length", -1, k->window_length, 0.01, 10.0, "s");
+    if (k->memory != 0.0) { check_range(c, "memory", -1, k->memory, 10.0, 1e9, "s, or 0: for ever"); }
     check_covariance(c, "residual_covariance", &k->residual_covariance[0][0], IPE_NY);
     check_all(c, "prior_theta", k->prior_theta, IPE_NP, -1e9, 1e9, "SI");
     check_covariance(c, "prior_covariance", &k->prior_covariance[0][0], IPE_NP);

@@ -77,6 +77,7 @@ typedef struct {
     double std_force_offset, std_force_gain, std_force_delay, std_position_delay, std_geometry;
 
     double window_length;                       ///< s
+    double memory;                              ///< s of excited time after which data count 1/e; 0: for ever
     double residual_covariance[IPE_NY][IPE_NY]; ///< of one window at the IMU, P axes
     double prior_theta[IPE_NP];                 ///< about P
     double prior_covariance[IPE_NP][IPE_NP];

@@ -36,18 +36,18 @@ static double contribution(const ipe_noise_t* s, const double innovation[IPE_NY]
     return sum * innovation[i];
 }
 
-static bool tells_of_noise(const ipe_noise_t* s, const double variance[IPE_NY])
+static bool tells_of_noise(const ipe_noise_t* s, const double S[IPE_NY][IPE_NY])
 {
     for (int i = 0; i < IPE_NY; ++i) {
-        if (!(variance[i] < learnt_variance(s, i))) { return false; }
+        if (!(S[i][i] < learnt_variance(s, i))) { return false; }
     }
     return true;
 }
 
-void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const double variance[IPE_NY])
+void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
 {
     if (!all_finite(innovation, IPE_NY)) { return; }
-    if (tells_of_noise(s, variance)) {
+    if (tells_of_noise(s, S)) {
         for (int i = 0; i < IPE_NY; ++i) { s->sum[i] += contribution(s, innovation, i); }
         ++s->n_summed;
     }

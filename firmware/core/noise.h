@@ -28,8 +28,8 @@ typedef struct {
 /// Start from the configured covariance C [6][6]. IPE_OK, or IPE_ERR_CONFIG: not positive definite.
 ipe_status_t ipe_noise_init(ipe_noise_t* s, const double C[IPE_NY][IPE_NY]);
 
-/// Learn from a window's innovation [6], of which variance [6] comes from the states; L is up to date afterwards.
-void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const double variance[IPE_NY]);
+/// Learn from a window's innovation [6], of whose covariance S [6][6] comes from the states; L is up to date afterwards.
+void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY]);
 
 /// A gap: the next window does not follow the last.
 void ipe_noise_restart(ipe_noise_t* s);

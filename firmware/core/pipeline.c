@@ -11,6 +11,12 @@
 
 #define SMALLEST_STD 1e-12        // of a systematic parameter declared perfect: the factored filter needs D > 0
 #define COVERAGE 1.25             // on every sigma: what the noise model still leaves out, see firmware/DESIGN.md
+#define STATIC_RATE 0.02          // rad/s and
+#define STATIC_ALPHA 0.01         // rad/s2: below both for
+#define STATIC_WINDOWS 5          // windows in a row the platform rests, and they are sensor noise
+#define LEARNING_WINDOWS 50       // of the noise, before an innovation can be called too large
+#define PRIOR_INTERVAL 50         // excited windows between two foldings of the prior
+#define CHANGE_SHARE (1.0 / 12.0) // of what the cables can lift: sigma of a new payload
 
 static_assert(sizeof(ipe_pipeline_t) <= 64 * 1024, "the state's budget in firmware/DESIGN.md");
 
@@ -26,19 +32,60 @@ static double device_time_wrap(const ipe_config_t* config, ipe_sensor_t sensor)
     return 0.0;
 }
 
+/// Inverse of the lower Cholesky factor of P [10][10], so that rows h = inverse, variance 1, are the prior again.
+static bool prior_rows(const double P[IPE_NP][IPE_NP], double rows[IPE_NP][IPE_NP])
+{
+    double L[IPE_NP][IPE_NP];
+    memcpy(L, P, sizeof L);
+    if (!cholesky(&L[0][0], IPE_NP)) { return false; }
+    memset(rows, 0, sizeof L);
+    for (int j = 0; j < IPE_NP; ++j) {
+        rows[j][j] = 1.0 / L[j][j];
+        for (int i = j + 1; i < IPE_NP; ++i) {
+            for (int k = j; k < i; ++k) { rows[i][j] -= L[i][k] * rows[k][j]; }
+            rows[i][j] /= L[i][i];
+        }
+    }
+    return true;
+}
+
+/// What a payload that the robot can carry adds to theta, from the cables' strength and the platform's size.
+static void set_change_std(ipe_pipeline_t* p)
+{
+    const ipe_config_t* k = &p->config;
+    double strength = 0.0, size2 = 0.0;
+    for (int i = 0; i < k->n_cables; ++i) {
+        strength += k->cable[i].tension_max;
+        size2 += vec3_dot(k->cable[i].attachment, k->cable[i].attachment) / k->n_cables;
+    }
+    const double mass = CHANGE_SHARE * strength / fmax(k->gravity, 1.0);
+    for (int i = 0; i < IPE_NP; ++i) {
+        p->change_std[i] = i == 0 ? mass : i < 4 ? mass * sqrt(size2) : i < 7 ? mass * size2 : mass * size2 / 3.0;
+    }
+}
+
+static void systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
+{
+    ipe_systematic_std(config, std);
+    for (int i = 0; i < ipe_systematic_count(config->n_cables); ++i) { std[i] = fmax(std[i], SMALLEST_STD); }
+}
+
 /// States: theta about the IMU (the configured prior is about P), then the systematic parameters, all zero so far.
 static ipe_status_t init_filter(ipe_pipeline_t* p)
 {
     const ipe_config_t* k = &p->config;
     const double to_imu[3] = {-k->imu_position[0], -k->imu_position[1], -k->imu_position[2]};
-    double theta[IPE_NP], P[IPE_NP][IPE_NP], xi_std[IPE_XI_MAX] = {0.0};
-    memcpy(theta, k->prior_theta, sizeof theta);
+    double P[IPE_NP][IPE_NP], std[IPE_XI_MAX];
+    memcpy(p->prior_theta, k->prior_theta, sizeof p->prior_theta);
     memcpy(P, k->prior_covariance, sizeof P);
-    ipe_body_shift(to_imu, theta, P);
-    ipe_systematic_std(k, xi_std);
-    for (int i = 0; i < IPE_XI_MAX; ++i) { xi_std[i] = fmax(xi_std[i], SMALLEST_STD); }
+    (void)ipe_body_from_theta(p->prior_theta, P, &p->prior);
+    ipe_body_shift(to_imu, p->prior_theta, P);
+    systematic_std(k, std);
+    set_change_std(p);
+    ipe_detect_init(&p->detect);
     const ipe_status_t status = ipe_noise_init(&p->noise, k->residual_covariance);
-    return status == IPE_OK ? ipe_rls_init(&p->rls, theta, P, ipe_systematic_filter_count(k->n_cables), xi_std) : status;
+    if (status != IPE_OK || !prior_rows(P, p->prior_rows)) { return IPE_ERR_CONFIG; }
+    return ipe_rls_init(&p->rls, p->prior_theta, P, ipe_systematic_filter_count(k->n_cables), std);
 }
 
 ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size)
@@ -89,18 +136,73 @@ ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const d
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }
 
-/// Equations of one window in the filter's states: y = [Y, -X] [theta; xi] + noise. H [6][n].
-static ipe_status_t build_equations(const ipe_pipeline_t* p, const ipe_average_t* average, double* H)
+/// At rest rate and acceleration are sensor noise: taken as they are they would wear the inertia down.
+static bool gate_rest(ipe_pipeline_t* p, ipe_average_t* average)
+{
+    const bool is_slow = vec3_norm(average->w) < STATIC_RATE && vec3_norm(average->alpha) < STATIC_ALPHA;
+    p->n_slow = is_slow ? p->n_slow + 1 : 0;
+    if (p->n_slow < STATIC_WINDOWS) { return false; }
+    memset(average->w, 0, sizeof average->w);
+    memset(average->ww, 0, sizeof average->ww);
+    memset(average->alpha, 0, sizeof average->alpha);
+    return true;
+}
+
+/// Use, hold back or take as a change of payload. Until the noise is known nothing can be told from it.
+static ipe_detect_verdict_t judge(ipe_pipeline_t* p, double nis)
+{
+    return p->noise.n_summed < LEARNING_WINDOWS ? IPE_DETECT_USE : ipe_detect_push(&p->detect, nis);
+}
+
+/// Equations of one window in the filter's states: y = [Y, -X] [theta; xi] + noise.
+static ipe_status_t build_equations(ipe_pipeline_t* p, const ipe_average_t* average)
 {
     double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
     const int n = p->rls.n;
     ipe_regressor(average->s, average->ww, average->alpha, Y);
     if (ipe_systematic_columns(&p->config, average, p->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
     for (int j = 0; j < IPE_NY; ++j) {
-        memcpy(H + j * n, Y[j], sizeof Y[j]);
-        for (int i = IPE_NP; i < n; ++i) { H[j * n + i] = -X[j][i - IPE_NP]; }
+        double* row = p->equations + j * n;
+        memcpy(row, Y[j], sizeof Y[j]);
+        for (int i = IPE_NP; i < n; ++i) { row[i] = -X[j][i - IPE_NP]; }
     }
     return IPE_OK;
+}
+
+/// A new payload: theta may be anything the robot can carry; what is known of the sensors stays.
+static void loosen_theta(ipe_pipeline_t* p)
+{
+    for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&p->rls, i, p->change_std[i] * p->change_std[i]); }
+    ipe_noise_restart(&p->noise);
+}
+
+/// Fold the prior in again with the weight that forgetting took from it, so that P never exceeds it.
+static void fold_prior(ipe_pipeline_t* p, double weight)
+{
+    double row[IPE_NX_MAX], std[IPE_XI_MAX];
+    systematic_std(&p->config, std);
+    for (int i = 0; i < p->rls.n; ++i) {
+        double y = 0.0;
+        memset(row, 0, sizeof row);
+        if (i < IPE_NP) {
+            for (int j = 0; j <= i; ++j) {
+                row[j] = weight * p->prior_rows[i][j];
+                y += row[j] * p->prior_theta[j];
+            }
+        } else {
+            row[i] = weight / std[i - IPE_NP];
+        }
+        ipe_rls_update_row(&p->rls, row, y);
+    }
+}
+
+/// Forgetting, in excited windows only: at rest nothing is learnt that could replace what is forgotten.
+static void forget(ipe_pipeline_t* p, double hop)
+{
+    if (p->config.memory == 0.0) { return; }
+    const double lambda = exp(-hop / p->config.memory);
+    ipe_rls_forget(&p->rls, lambda);
+    if (++p->n_excited % PRIOR_INTERVAL == 0) { fold_prior(p, sqrt(1.0 - pow(lambda, PRIOR_INTERVAL))); }
 }
 
 static void read_systematic(const ipe_pipeline_t* p, ipe_estimate_t* e)
@@ -112,33 +214,59 @@ static void read_systematic(const ipe_pipeline_t* p, ipe_estimate_t* e)
     }
 }
 
-/// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no mass.
+/// Where the attachments really are is known to std_geometry: their common part moves the CoG as it is measured from P.
+static void add_geometry(const ipe_pipeline_t* p, ipe_estimate_t* e)
+{
+    const double std = e->theta[0] * p->config.std_geometry;
+    for (int i = 1; i < 4; ++i) { e->covariance[i][i] += std * std / p->config.n_cables; }
+}
+
+static void judge_observability(const ipe_body_t* prior, ipe_estimate_t* e)
+{
+    e->observable[0] = 2.0 * e->body.mass_std <= prior->mass_std;
+    for (int i = 0; i < 3; ++i) { e->observable[1 + i] = 2.0 * e->body.cog_std[i] <= prior->cog_std[i]; }
+    for (int i = 0; i < 6; ++i) { e->observable[4 + i] = 2.0 * e->body.inertia_cog_std[i] <= prior->inertia_cog_std[i]; }
+}
+
+/// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no body.
 static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average, double nis, ipe_estimate_t* estimate)
 {
-    ipe_estimate_t e = {.t_ns = average->t_ns, .n_windows = p->rls.n_updates, .n_rows = p->n_rows, .nis = nis};
-    memcpy(e.theta, p->rls.x, sizeof e.theta);
+    double theta[IPE_NP];
+    ipe_estimate_t e = {.t_ns = average->t_ns, .n_windows = p->rls.n_updates, .n_rows = p->n_rows, .nis = nis,
+                        .n_changes = p->detect.n_changes};
+    memcpy(theta, p->rls.x, sizeof theta);
     ipe_rls_covariance(&p->rls, IPE_NP, &e.covariance[0][0]);
     for (int i = 0; i < IPE_NP; ++i) {
         for (int j = 0; j < IPE_NP; ++j) { e.covariance[i][j] *= COVERAGE * COVERAGE; }
     }
-    ipe_body_shift(p->config.imu_position, e.theta, e.covariance);
+    ipe_body_shift(p->config.imu_position, theta, e.covariance);
+    e.consistent = ipe_consistency_check(theta);
+    if (!ipe_consistency_project(theta, e.covariance, e.theta, &e.distance)) { return false; }
+    add_geometry(p, &e);
     if (ipe_body_from_theta(e.theta, e.covariance, &e.body) != IPE_OK) { return false; }
     if (!all_finite(e.theta, IPE_NP) || !all_finite(&e.covariance[0][0], IPE_NP * IPE_NP) || !isfinite(nis)) { return false; }
+    judge_observability(&p->prior, &e);
     read_systematic(p, &e);
-    e.consistent = ipe_consistency_check(e.theta);
     *estimate = e;
     return true;
 }
 
-/// One window's equations into the filter.
-static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* average, double* nis)
+/// One window's equations into the filter. IPE_NOT_READY: held back as an outlier.
+static ipe_status_t update_filter(ipe_pipeline_t* p, ipe_average_t* average, double* nis)
 {
-    double H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], variance[IPE_NY];
-    ipe_status_t status = build_equations(p, average, H);                              // averages -> [Y, -X]
+    double innovation[IPE_NY], S[IPE_NY][IPE_NY];
+    const bool at_rest = gate_rest(p, average);
+    ipe_status_t status = build_equations(p, average);                                 // averages -> [Y, -X]
     if (status != IPE_OK) { return status; }
-    ipe_rls_innovation(&p->rls, H, average->y, innovation, variance);
-    status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, nis);                  // equations -> theta, xi, P
-    if (status == IPE_OK) { ipe_noise_push(&p->noise, innovation, variance); }         // innovations -> noise level
+    ipe_rls_innovation(&p->rls, p->equations, average->y, innovation, S);
+    *nis = ipe_detect_nis(innovation, S, p->noise.L);
+    const ipe_detect_verdict_t verdict = judge(p, *nis);                              // innovation -> same payload?
+    if (verdict == IPE_DETECT_HOLD) { return IPE_NOT_READY; }
+    if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
+    if (!at_rest) { forget(p, 0.25 * average->length); }
+    double unused;
+    status = ipe_rls_update(&p->rls, p->equations, average->y, p->noise.L, &unused);   // equations -> theta, xi, P
+    if (status == IPE_OK && verdict == IPE_DETECT_USE) { ipe_noise_push(&p->noise, innovation, S); }
     return status;
 }
 
@@ -159,7 +287,7 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     if (p->window.n_restarts != restarts) { ipe_noise_restart(&p->noise); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     status = update_filter(p, &average, &nis);                                         // equations -> theta, xi, P
-    if (status != IPE_OK) { return status; }
+    if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     if (!make_estimate(p, &average, nis, &p->estimate)) {                              // theta -> body, consistency
         ++p->n_refused;
         return IPE_ERR_NONFINITE;
@@ -226,6 +354,8 @@ const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64
         {"window.windows", p->window.n_windows},
         {"window.restarts", p->window.n_restarts},
         {"window.backwards", p->window.n_backwards},
+        {"detect.held", p->detect.n_held},
+        {"detect.changes", p->detect.n_changes},
         {"rls.updates", p->rls.n_updates},
         {"rls.not_finite", p->rls.n_nonfinite},
         {"estimate.refused", p->n_refused},

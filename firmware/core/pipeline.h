@@ -13,6 +13,7 @@
 #include "clock.h"
 #include "config.h"
 #include "decode.h"
+#include "detect.h"
 #include "group.h"
 #include "noise.h"
 #include "rls.h"
@@ -30,8 +31,11 @@ typedef struct {
     int n_systematic;                    ///< systematic parameters carried, see systematic.h
     double systematic[IPE_XI_FILTER_MAX];     ///< correction to the configured calibration
     double systematic_std[IPE_XI_FILTER_MAX];
-    bool consistent;                     ///< a body that can exist
+    bool observable[IPE_NP];             ///< of m, cog, inertia_cog: sigma at most half the prior's
+    bool consistent;                     ///< a body that can exist; false: theta and body are the nearest one that can
+    double distance;                     ///< Mahalanobis distance squared to it, 0 if consistent
     double nis;                          ///< normalised innovation squared of the last window
+    uint64_t n_changes;                  ///< payload changes noticed so far
 } ipe_estimate_t;
 
 /// Counters and state of every stage; read freely, write never.
@@ -45,6 +49,14 @@ typedef struct {
     ipe_window_t window;
     ipe_rls_t rls;
     ipe_noise_t noise;
+    ipe_detect_t detect;
+    ipe_body_t prior;                    ///< the configured prior as a body
+    double prior_theta[IPE_NP];          ///< about the IMU
+    double prior_rows[IPE_NP][IPE_NP];   ///< inverse Cholesky factor of its covariance
+    double change_std[IPE_NP];           ///< what a new payload may add to theta about the IMU
+    double equations[IPE_NY * IPE_NX_MAX];    ///< [Y, -X] of the window at hand
+    uint64_t n_excited;                  ///< windows not at rest
+    int n_slow;                          ///< windows in a row that may be rest
     ipe_estimate_t estimate;
     uint64_t n_rows;                     ///< aligned rows that entered the window
     uint64_t n_refused;                  ///< estimates not published because a value was not finite

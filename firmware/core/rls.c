@@ -54,17 +54,20 @@ static double factor(const ipe_rls_t* s, const double* h, int j)
 }
 
 void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_NY], double innovation[IPE_NY],
-                        double variance[IPE_NY])
+                        double S[IPE_NY][IPE_NY])
 {
-    for (int i = 0; i < IPE_NY; ++i) {
-        const double* h = H + i * s->n;
-        innovation[i] = y[i];
-        variance[i] = 0.0;
-        for (int j = 0; j < s->n; ++j) {
-            const double f = factor(s, h, j);
-            innovation[i] -= h[j] * s->x[j];
-            variance[i] += f * f * s->D[j];
+    memset(S, 0, sizeof(double) * IPE_NY * IPE_NY);
+    memcpy(innovation, y, sizeof(double) * IPE_NY);
+    for (int j = 0; j < s->n; ++j) {
+        double f[IPE_NY];
+        for (int i = 0; i < IPE_NY; ++i) {
+            f[i] = factor(s, H + i * s->n, j);
+            innovation[i] -= H[i * s->n + j] * s->x[j];
+            for (int k = 0; k <= i; ++k) { S[i][k] += f[i] * s->D[j] * f[k]; }
         }
+    }
+    for (int i = 0; i < IPE_NY; ++i) {
+        for (int k = 0; k < i; ++k) { S[k][i] = S[i][k]; }
     }
 }
 
@@ -131,6 +134,34 @@ ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], con
     for (int i = 0; i < IPE_NY; ++i) { *nis += update_row(s, H + i * s->n, z[i]); }
     ++s->n_updates;
     return IPE_OK;
+}
+
+void ipe_rls_update_row(ipe_rls_t* s, const double* h, double y)
+{
+    (void)update_row(s, h, y);
+}
+
+void ipe_rls_forget(ipe_rls_t* s, double lambda)
+{
+    for (int j = 0; j < s->n; ++j) { s->D[j] /= lambda; }
+}
+
+void ipe_rls_loosen(ipe_rls_t* s, int i, double variance)
+{
+    double a[IPE_NX_MAX] = {0.0};
+    double c = variance;
+    a[i] = 1.0;
+    for (int j = i; j >= 0; --j) {
+        double* U = &s->U[column(j)];
+        const double D = s->D[j] + c * a[j] * a[j];
+        const double b = c * a[j] / D;
+        for (int k = 0; k < j; ++k) {
+            a[k] -= a[j] * U[k];
+            U[k] += b * a[k];
+        }
+        c *= s->D[j] / D;
+        s->D[j] = D;
+    }
 }
 
 static double element(const ipe_rls_t* s, int i, int k)

@@ -37,9 +37,9 @@ typedef struct {
 ipe_status_t ipe_rls_init(ipe_rls_t* s, const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], int n_xi,
                           const double* xi_std);
 
-/// Innovations y - H x [6] and their variance from the states alone, diag(H P H^T) [6]. H [6][n]. State untouched.
+/// Innovations y - H x [6] and their covariance from the states alone, S = H P H^T [6][6]. H [6][n]. State untouched.
 void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_NY], double innovation[IPE_NY],
-                        double variance[IPE_NY]);
+                        double S[IPE_NY][IPE_NY]);
 
 /// Fold in one block of 6 equations y = H x + e, e ~ N(0, L L^T).
 ///
@@ -51,6 +51,15 @@ void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_
 /// IPE_OK, or IPE_ERR_NONFINITE: an input is NaN, Inf or over 1e15 standard deviations; state untouched but for the
 /// counter.
 ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY], double* nis);
+
+/// Fold in one scalar row h x = y of unit variance, h [n].
+void ipe_rls_update_row(ipe_rls_t* s, const double* h, double y);
+
+/// Older data counts less: P /= lambda, 0 < lambda <= 1.
+void ipe_rls_forget(ipe_rls_t* s, double lambda);
+
+/// State i may have moved: P_ii += variance. Source: Agee, Turner, 1972; cost i^2.
+void ipe_rls_loosen(ipe_rls_t* s, int i, double variance);
 
 /// P [n][n] = U D U^T, symmetric; only the first rows x rows are computed and written, as [rows][rows].
 void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P);

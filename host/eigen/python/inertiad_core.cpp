@@ -162,6 +162,9 @@ struct OwnedPipeline {
         d["t_ns"] = e.t_ns, d["n_windows"] = e.n_windows, d["n_rows"] = e.n_rows;
         d["systematic"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(e.systematic, e.n_systematic));
         d["systematic_std"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(e.systematic_std, e.n_systematic));
+        nb::list observable;
+        for (const bool o : e.observable) { observable.append(o); }
+        d["observable"] = observable, d["n_changes"] = e.n_changes, d["distance"] = e.distance;
         d["consistent"] = e.consistent, d["nis"] = e.nis;
         d["theta"] = inertiad::Theta(view.theta());
         d["covariance"] = inertiad::Covariance(view.covariance());

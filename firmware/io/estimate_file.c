@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "estimate_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <limits.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+/// Text being built; is_full once something did not fit.
+typedef struct {
+    size_t n;
+    bool is_full;
+    char text[49152];
+} text_t;
+
+__attribute__((format(printf, 2, 3))) static void put(text_t* t, const char* format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    const int n = vsnprintf(t->text + t->n, sizeof t->text - t->n, format, arguments);
+    va_end(arguments);
+    if (n < 0 || (size_t)n >= sizeof t->text - t->n) {
+        t->is_full = true;
+    } else {
+        t->n += (size_t)n;
+    }
+}
+
+static void put_vector(text_t* t, const double* value, int n)
+{
+    put(t, "[");
+    for (int i = 0; i < n; ++i) { put(t, "%s%.17g", i > 0 ? ", " : "", value[i]); }
+    put(t, "]");
+}
+
+static void put_quantity(text_t* t, const char* name, const double* value, const double* std, int n)
+{
+    put(t, "  \"%s\": {\"value\": ", name);
+    put_vector(t, value, n);
+    put(t, ", \"std\": ");
+    put_vector(t, std, n);
+    put(t, "},\n");
+}
+
+static void put_body(text_t* t, const ipe_body_t* body)
+{
+    put(t, "  \"mass\": {\"value\": %.17g, \"std\": %.17g},\n", body->mass, body->mass_std);
+    put_quantity(t, "cog", body->cog, body->cog_std, 3);
+    put_quantity(t, "inertia_cog", body->inertia_cog, body->inertia_cog_std, 6);
+}
+
+static void put_observable(text_t* t, const bool observable[IPE_NP])
+{
+    put(t, "  \"observable\": {\"mass\": %s", observable[0] ? "true" : "false");
+    for (int i = 1; i < IPE_NP; ++i) {
+        put(t, "%s%s", i == 1 ? ", \"cog\": [" : i == 4 ? "], \"inertia_cog\": [" : ", ", observable[i] ? "true" : "false");
+    }
+    put(t, "]},\n");
+}
+
+/// Sensor errors: the configured calibration with the estimated correction. The alignment and the delay turn or shift what
+/// is configured elsewhere, so they are given as corrections.
+static void put_systematic(text_t* t, const ipe_estimate_t* e, const ipe_config_t* k)
+{
+    const int m = k->n_cables;
+    const struct {
+        const char* name;
+        int first, n;
+        const double* configured;
+    } item[] = {
+        {"attitude_bias", IPE_XI_ATTITUDE, 3, k->attitude_bias}, {"world_yaw", IPE_XI_YAW, 1, &k->world_yaw},
+        {"acc_bias", IPE_XI_ACC_BIAS, 3, k->acc_bias},           {"imu_alignment", IPE_XI_ALIGNMENT, 3, NULL},
+        {"position_delay", IPE_XI_POSITION_DELAY, 1, NULL},      {"force_offset", IPE_XI_FORCE, m, k->force_offset},
+        {"force_gain", IPE_XI_FORCE + m, m, k->force_gain},
+    };
+    for (size_t i = 0; i < sizeof item / sizeof item[0]; ++i) {
+        double value[IPE_CABLES_MAX];
+        for (int j = 0; j < item[i].n; ++j) {
+            value[j] = e->systematic[item[i].first + j] + (item[i].configured != NULL ? item[i].configured[j] : 0.0);
+        }
+        put_quantity(t, item[i].name, value, &e->systematic_std[item[i].first], item[i].n);
+    }
+}
+
+static void put_estimate(text_t* t, const ipe_estimate_t* estimate, const ipe_config_t* config)
+{
+    put_body(t, &estimate->body);
+    put_systematic(t, estimate, config);
+    put(t, "  \"consistent\": %s,\n", estimate->consistent ? "true" : "false");
+    put_observable(t, estimate->observable);
+    put(t, "  \"changes\": %" PRIu64 ",\n", estimate->n_changes);
+}
+
+static void put_no_estimate(text_t* t)
+{
+    put(t, "  \"mass\": null,\n  \"cog\": null,\n  \"inertia_cog\": null,\n  \"consistent\": false,\n");
+    put(t, "  \"observable\": {\"mass\": false, \"cog\": [false, false, false], ");
+    put(t, "\"inertia_cog\": [false, false, false, false, false, false]},\n");
+}
+
+static void put_counters(text_t* t, const ipe_counters_t* counters)
+{
+    put(t, "  \"counters\": {");
+    for (unsigned i = 0; i < counters->n; ++i) {
+        put(t, "%s\n    \"%s\": %" PRIu64, i > 0 ? "," : "", counters->item[i].name, counters->item[i].value);
+    }
+    put(t, "\n  }\n");
+}
+
+static void put_run(text_t* t, const ipe_run_t* run)
+{
+    const ipe_estimate_t* estimate = &run->pipeline->estimate;
+    put(t, "{\n  \"method\": \"rls\",\n");
+    if (estimate->n_windows > 0) {
+        put_estimate(t, estimate, &run->pipeline->config);
+    } else {
+        put_no_estimate(t);
+    }
+    put(t,
+        "  \"samples\": {\"frames\": %" PRIu64 ", \"used\": %" PRIu64 ", \"rejected\": %" PRIu64
+        ", \"windows\": %" PRIu64 "},\n",
+        run->n_frames, run->pipeline->n_rows, run->n_rejected, estimate->n_windows);
+    put(t, "  \"duration_s\": %.17g,\n", run->duration);
+    put_counters(t, run->counters);
+    put(t, "}\n");
+}
+
+static int fail(const char* path, const char* what, char* message, size_t size)
+{
+    (void)snprintf(message, size, "%s: %s: %s", path, what, strerror(errno));
+    return -1;
+}
+
+static bool write_all(int fd, const char* text, size_t n)
+{
+    while (n > 0) {
+        const ssize_t written = write(fd, text, n);
+        if (written < 0 && errno != EINTR) { return false; }
+        if (written > 0) {
+            text += written;
+            n -= (size_t)written;
+        }
+    }
+    return true;
+}
+
+static bool is_directory(const char* path)
+{
+    struct stat info;
+    errno = EISDIR;
+    return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+}
+
+static bool is_written_directly(const char* path)
+{
+    struct stat info;
+    return stat(path, &info) == 0 && !S_ISREG(info.st_mode);
+}
+
+/// Where the text goes before it is moved to path; false if the name is too long.
+static bool name_temporary(char name[PATH_MAX], const char* path)
+{
+    const int n = snprintf(name, PATH_MAX, "%s.tmp", path);
+    errno = ENAMETOOLONG;
+    return n > 0 && n < PATH_MAX;
+}
+
+static int create(const char* name)
+{
+    return open(name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+}
+
+bool ipe_estimate_file_check(const char* path, char* message, size_t size)
+{
+    char name[PATH_MAX];
+    if (is_directory(path)) { return fail(path, "cannot write", message, size) == 0; }
+    if (is_written_directly(path)) { return access(path, W_OK) == 0 || fail(path, "cannot write", message, size) == 0; }
+    const int fd = name_temporary(name, path) ? create(name) : -1;
+    if (fd < 0) { return fail(path, "cannot write", message, size) == 0; }
+    (void)close(fd);
+    (void)unlink(name);
+    return true;
+}
+
+/// Make the new name in the directory of path last through a power cut; where that is not possible nothing is lost but that.
+static void sync_directory(const char* path)
+{
+    char name[PATH_MAX];
+    (void)snprintf(name, sizeof name, "%s", path);
+    char* slash = strrchr(name, '/');
+    if (slash != NULL) { slash[1] = '\0'; }
+    const int fd = open(slash != NULL ? name : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (fd < 0) { return; }
+    (void)fsync(fd);
+    (void)close(fd);
+}
+
+static int write_directly(const char* path, const text_t* t, char* message, size_t size)
+{
+    const int fd = open(path, O_WRONLY | O_CLOEXEC);
+    if (fd < 0) { return fail(path, "cannot open", message, size); }
+    const bool good = write_all(fd, t->text, t->n);
+    if (!good) { (void)fail(path, "cannot write", message, size); }
+    (void)close(fd);
+    return good ? 0 : -1;
+}
+
+static int write_atomically(const char* path, const text_t* t, char* message, size_t size)
+{
+    char name[PATH_MAX];
+    const int fd = name_temporary(name, path) ? create(name) : -1;
+    if (fd < 0) { return fail(path, "cannot write", message, size); }
+    const bool good = write_all(fd, t->text, t->n) && fsync(fd) == 0;
+    if (!good) { (void)fail(name, "cannot write", message, size); }
+    (void)close(fd);
+    if (good && rename(name, path) != 0) { return fail(path, "cannot replace", message, size); }
+    if (!good) { (void)unlink(name); }
+    sync_directory(path);
+    return good ? 0 : -1;
+}
+
+int ipe_estimate_file_write(const char* path, const ipe_run_t* run, char* message, size_t size)
+{
+    static text_t text;
+    text.n = 0;
+    text.is_full = false;
+    put_run(&text, run);
+    if (text.is_full) {
+        errno = EMSGSIZE;
+        return fail(path, "cannot build", message, size);
+    }
+    return is_written_directly(path) ? write_directly(path, &text, message, size)
+                                     : write_atomically(path, &text, message, size);
+}

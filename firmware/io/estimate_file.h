@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+/// estimate.json: what a run found, in the form that people and programs read.
+///
+///   {"method", "mass": {"value", "std"}, "cog": {...}, "inertia_cog": {...}, "consistent", "observable": {...},
+///    "samples": {"frames", "used", "rejected", "windows"}, "duration_s", "counters": {...}}
+///
+/// kg, m, kg m2; P to C; xx yy zz yz xz xy, matrix entries; std is one standard deviation. Without an estimate the
+/// three quantities are null. A quantity is observable where the data at least halved the prior's standard deviation.
+/// Holds nothing but what came from the input, so the same log gives the same bytes. 48 KB of static buffer, one thread.
+#ifndef IPE_ESTIMATE_FILE_H
+#define IPE_ESTIMATE_FILE_H
+
+#include "counters.h"
+#include "pipeline.h"
+
+#include <stddef.h>
+
+/// What the file tells about a run, besides the pipeline's estimate.
+typedef struct {
+    const ipe_pipeline_t* pipeline;
+    const ipe_counters_t* counters;
+    uint64_t n_frames;    ///< CAN frames taken in
+    uint64_t n_rejected;  ///< rows lost or refused, all causes
+    double duration;      ///< s of data, first to last row
+} ipe_run_t;
+
+/// True if the file can be written, tried by creating and removing path.tmp; message says why not.
+bool ipe_estimate_file_check(const char* path, char* message, size_t size);
+
+/// Write the file in one piece: path.tmp, fsync, rename. After a power cut it is the old one or the new one. A path that
+/// is there and no regular file (a pipe, /dev/stdout) is written to directly.
+///
+/// 0, or -1 with the reason in message; then the file is as it was.
+int ipe_estimate_file_write(const char* path, const ipe_run_t* run, char* message, size_t size);
+
+#endif

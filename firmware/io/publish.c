@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "publish.h"
+
+#include "inertiad_lcm_estimate_t.h"
+#include "inertiad_lcm_event_t.h"
+#include "inertiad_lcm_health_t.h"
+#include "inertiad_lcm_raw_t.h"
+#include "inertiad_lcm_signals_t.h"
+#include "inertiad_lcm_tracker_t.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { PREFIX_MAX = 40, TRACKER_QUEUE = 1000 };
+static const int64_t BLOCK_NS = 16000000;
+
+/// Fields and their counterparts in a message have the same size, or this does not compile.
+#define COPY(to, from)                                                               \
+    do {                                                                             \
+        static_assert(sizeof(to) == sizeof(from), "field differs from the message"); \
+        memcpy((to), (from), sizeof(to));                                            \
+    } while (0)
+
+static bool is_good_prefix(const char* prefix)
+{
+    static const char ALLOWED[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-/";
+    const size_t n = strlen(prefix);
+    return n >= 1 && n <= PREFIX_MAX && strspn(prefix, ALLOWED) == n;
+}
+
+static void name_channels(ipe_publish_t* p, const char* prefix)
+{
+    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW", "SIGNALS", "ESTIMATE", "HEALTH", "EVENT", "TRACKER"};
+    for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
+        (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
+    }
+}
+
+int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, const ipe_config_t* config, char* message,
+                     size_t size)
+{
+    memset(p, 0, sizeof *p);
+    p->n_cables = config->n_cables;
+    p->estimate_period_ns = llround(1e9 / config->estimate_rate);
+    if (!is_good_prefix(prefix)) {
+        (void)snprintf(message, size, "prefix \"%s\": allowed are 1 to %d letters, digits, '_', '-', '/'", prefix,
+                       PREFIX_MAX);
+        return -1;
+    }
+    name_channels(p, prefix);
+    if (strcmp(url, "none") == 0) { return 0; }
+    p->lcm = lcm_create(url);
+    if (p->lcm != NULL) { return 0; }
+    (void)snprintf(message, size,
+                   "%s: cannot open; without a route for multicast: "
+                   "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo; or go without: --lcm none",
+                   url);
+    return -1;
+}
+
+static void handle_tracker(const lcm_recv_buf_t* received, const char* channel, void* user)
+{
+    (void)channel;
+    ipe_publish_t* p = user;
+    inertiad_lcm_tracker_t tracker;
+    if (inertiad_lcm_tracker_t_decode(received->data, 0, (int)received->data_size, &tracker) < 0) {
+        p->n_positions_bad++;
+    } else if (!tracker.valid) {
+        p->n_positions_invalid++;
+    } else {
+        p->n_positions++;
+        p->take_position(tracker.t_ns, tracker.position);
+    }
+}
+
+int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler)
+{
+    if (p->lcm == NULL) { return -1; }
+    p->take_position = handler;
+    lcm_subscription_t* subscription = lcm_subscribe(p->lcm, p->channel[IPE_PUBLISH_TRACKER], handle_tracker, p);
+    if (subscription == NULL) { return -1; }
+    return lcm_subscription_set_queue_capacity(subscription, TRACKER_QUEUE);
+}
+
+int ipe_publish_fileno(const ipe_publish_t* p)
+{
+    return p->lcm == NULL ? -1 : lcm_get_fileno(p->lcm);
+}
+
+void ipe_publish_receive(ipe_publish_t* p)
+{
+    if (p->lcm != NULL) { (void)lcm_handle_timeout(p->lcm, 0); }
+}
+
+/// Send the n bytes of p->bytes; n < 0: they could not be encoded. True when sent.
+static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int n)
+{
+    p->sequence[channel]++;
+    if (n >= 0 && lcm_publish(p->lcm, p->channel[channel], p->bytes, (unsigned)n) == 0) {
+        p->n_messages++;
+        return true;
+    }
+    p->n_failed++;
+    if (ipe_message_allowed(&p->limit, "LCM")) {
+        ipe_message("%s: a message of %d bytes was not sent", p->channel[channel], n);
+    }
+    return false;
+}
+
+static void send_frames(ipe_publish_t* p)
+{
+    if (p->n_frames == 0) { return; }
+    const inertiad_lcm_raw_t message = {.sequence = p->sequence[IPE_PUBLISH_RAW],
+                                        .t_ns = p->frame[p->n_frames - 1].t_ns,
+                                        .n_dropped = (int64_t)p->n_frames_failed,
+                                        .n_frames = p->n_frames,
+                                        .frame = p->frame};
+    const int n = inertiad_lcm_raw_t_encode(p->bytes, 0, sizeof p->bytes, &message);
+    if (!send(p, IPE_PUBLISH_RAW, n)) { p->n_frames_failed += (uint64_t)p->n_frames; }
+    p->n_frames = 0;
+}
+
+static void send_rows(ipe_publish_t* p)
+{
+    if (p->n_rows == 0) { return; }
+    const inertiad_lcm_signals_t message = {.sequence = p->sequence[IPE_PUBLISH_SIGNALS],
+                                            .t_ns = p->row[p->n_rows - 1].t_ns,
+                                            .n_dropped = (int64_t)p->n_input_dropped,
+                                            .n_rows = p->n_rows,
+                                            .row = p->row};
+    (void)send(p, IPE_PUBLISH_SIGNALS, inertiad_lcm_signals_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+    p->n_rows = 0;
+}
+
+/// True if an item stamped t_ns does not belong into a block that began at first_ns.
+static bool is_past_block(int64_t first_ns, int64_t t_ns)
+{
+    return t_ns < first_ns || t_ns - first_ns >= BLOCK_NS;
+}
+
+void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame)
+{
+    if (p->lcm == NULL) { return; }
+    if (p->n_frames > 0 && is_past_block(p->frame[0].t_ns, frame->t_ns)) { send_frames(p); }
+    uint8_t* data = p->frame_data[p->n_frames];
+    memcpy(data, frame->data, frame->length);
+    p->frame[p->n_frames++] = (inertiad_lcm_can_frame_t){.t_ns = frame->t_ns,
+                                                         .t_hw_ns = frame->t_hw_ns,
+                                                         .can_id = (int32_t)frame->can_id,
+                                                         .bus = (int8_t)frame->bus,
+                                                         .flags = (int8_t)frame->flags,
+                                                         .length = (int8_t)frame->length,
+                                                         .data = data};
+    if (p->n_frames == IPE_PUBLISH_FRAMES) { send_frames(p); }
+}
+
+void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row)
+{
+    if (p->lcm == NULL) { return; }
+    if (p->n_rows > 0 && is_past_block(p->row[0].t_ns, row->t_ns)) { send_rows(p); }
+    inertiad_lcm_signals_row_t* to = &p->row[p->n_rows];
+    to->t_ns = row->t_ns;
+    COPY(to->acc, row->acc);
+    COPY(to->gyro, row->gyro);
+    COPY(to->q, row->q);
+    COPY(to->position, row->position);
+    to->n_cables = p->n_cables;
+    to->f = p->row_f[p->n_rows];
+    memcpy(to->f, row->f, sizeof row->f);
+    p->n_rows++;
+    if (p->n_rows == IPE_PUBLISH_ROWS) { send_rows(p); }
+}
+
+static void copy_estimate(inertiad_lcm_estimate_t* to, const ipe_estimate_t* from)
+{
+    to->t_ns = from->t_ns;
+    to->n_windows = (int64_t)from->n_windows;
+    to->n_rows = (int64_t)from->n_rows;
+    to->mass = from->body.mass;
+    to->mass_std = from->body.mass_std;
+    COPY(to->cog, from->body.cog);
+    COPY(to->cog_std, from->body.cog_std);
+    COPY(to->inertia_cog, from->body.inertia_cog);
+    COPY(to->inertia_cog_std, from->body.inertia_cog_std);
+    COPY(to->theta, from->theta);
+    COPY(to->covariance, from->covariance);
+    to->n_systematic = from->n_systematic;
+    // The generated type has no const, and its encoder only reads.
+    to->systematic = (double*)(uintptr_t)from->systematic;
+    to->systematic_std = (double*)(uintptr_t)from->systematic_std;
+    for (int i = 0; i < IPE_NP; ++i) { to->observable[i] = from->observable[i] ? 1 : 0; }
+    to->consistent = from->consistent ? 1 : 0;
+    to->distance = from->distance;
+    to->nis = from->nis;
+    to->n_changes = (int64_t)from->n_changes;
+}
+
+static bool all_are_finite(const double* value, size_t n)
+{
+    for (size_t i = 0; i < n; ++i) {
+        if (!isfinite(value[i])) { return false; }
+    }
+    return true;
+}
+
+static bool is_finite(const ipe_estimate_t* e)
+{
+    return isfinite(e->body.mass) && isfinite(e->body.mass_std) && isfinite(e->nis) && all_are_finite(e->body.cog, 3) &&
+           all_are_finite(e->body.cog_std, 3) && all_are_finite(e->body.inertia_cog, 6) &&
+           all_are_finite(e->body.inertia_cog_std, 6) && all_are_finite(e->theta, IPE_NP) &&
+           all_are_finite(&e->covariance[0][0], (size_t)IPE_NP * IPE_NP) &&
+           all_are_finite(e->systematic, (size_t)e->n_systematic) &&
+           all_are_finite(e->systematic_std, (size_t)e->n_systematic);
+}
+
+/// True once per period of data time; keeps its phase, and starts anew when time jumps.
+static bool is_due(ipe_publish_t* p, int64_t now_ns)
+{
+    const int64_t late = now_ns - p->estimate_due_ns;
+    if (p->has_estimate_due && late < 0 && late >= -p->estimate_period_ns) { return false; }
+    const bool in_phase = p->has_estimate_due && late >= 0 && late < p->estimate_period_ns;
+    p->estimate_due_ns = (in_phase ? p->estimate_due_ns : now_ns) + p->estimate_period_ns;
+    p->has_estimate_due = true;
+    return true;
+}
+
+void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate)
+{
+    if (p->lcm == NULL || estimate->n_windows == 0 || !is_due(p, now_ns)) { return; }
+    if (!is_finite(estimate)) {
+        p->n_not_finite++;
+        return;
+    }
+    inertiad_lcm_estimate_t message = {.sequence = p->sequence[IPE_PUBLISH_ESTIMATE],
+                                       .n_dropped = (int64_t)p->n_input_dropped};
+    copy_estimate(&message, estimate);
+    (void)send(p, IPE_PUBLISH_ESTIMATE, inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* counters,
+                        const double age[IPE_SENSOR_COUNT])
+{
+    if (p->lcm == NULL) { return; }
+    for (unsigned i = 0; i < counters->n; ++i) {
+        // The generated type has no const, and its encoder only reads.
+        p->counter[i].name = (char*)(uintptr_t)counters->item[i].name;
+        p->counter[i].value = (int64_t)counters->item[i].value;
+    }
+    inertiad_lcm_health_t message = {.sequence = p->sequence[IPE_PUBLISH_HEALTH],
+                                     .t_ns = t_ns,
+                                     .n_counters = (int32_t)counters->n,
+                                     .counter = p->counter};
+    memcpy(message.age, age, sizeof message.age);
+    (void)send(p, IPE_PUBLISH_HEALTH, inertiad_lcm_health_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text)
+{
+    if (p->lcm == NULL) { return; }
+    const inertiad_lcm_event_t message = {.sequence = p->sequence[IPE_PUBLISH_EVENT],
+                                          .t_ns = t_ns,
+                                          .source = (char*)(uintptr_t)source,
+                                          .text = (char*)(uintptr_t)text};
+    (void)send(p, IPE_PUBLISH_EVENT, inertiad_lcm_event_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+void ipe_publish_flush(ipe_publish_t* p)
+{
+    send_frames(p);
+    send_rows(p);
+}
+
+void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate)
+{
+    ipe_publish_flush(p);
+    p->has_estimate_due = false;
+    ipe_publish_estimate(p, estimate->t_ns, estimate);
+}
+
+void ipe_publish_close(ipe_publish_t* p)
+{
+    if (p->lcm == NULL) { return; }
+    lcm_destroy(p->lcm);
+    p->lcm = NULL;
+}
+
+const char* ipe_publish_counter(const ipe_publish_t* p, unsigned index, uint64_t* value)
+{
+    const struct {
+        const char* cause;
+        uint64_t value;
+    } counter[] = {
+        {"messages", p->n_messages},
+        {"failed", p->n_failed},
+        {"estimates_not_finite", p->n_not_finite},
+        {"tracker_positions", p->n_positions},
+        {"tracker_invalid", p->n_positions_invalid},
+        {"tracker_bad_message", p->n_positions_bad},
+    };
+    if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
+    *value = counter[index].value;
+    return counter[index].cause;
+}

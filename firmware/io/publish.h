@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Everything the daemon tells the world over LCM, and the tracker it listens to.
+///
+/// out: RAW and SIGNALS in blocks of 16 ms or when full, ESTIMATE at the configured rate of data time, HEALTH, EVENT.
+/// in:  TRACKER. Channels carry a prefix, "INERTIAD_". Messages are encoded into a static buffer, so publishing allocates
+/// nothing; liblcm's receiving thread does. A message that cannot be sent is counted and forgotten: nothing waits.
+/// 350 KB of state, caller-allocated, one thread. Without LCM (url "none") every call is good and does nothing.
+#ifndef IPE_PUBLISH_H
+#define IPE_PUBLISH_H
+
+#include "counters.h"
+#include "message.h"
+#include "pipeline.h"
+#include "types.h"
+
+#include "inertiad_lcm_can_frame_t.h"
+#include "inertiad_lcm_counter_t.h"
+#include "inertiad_lcm_signals_row_t.h"
+
+#include <lcm/lcm.h>
+
+enum {
+    IPE_PUBLISH_FRAMES = 512,   ///< in one RAW message
+    IPE_PUBLISH_ROWS = 128,     ///< in one SIGNALS message
+    IPE_PUBLISH_BYTES = 65000,  ///< of the largest message
+    IPE_PUBLISH_NAME_MAX = 64,
+};
+
+typedef enum {
+    IPE_PUBLISH_RAW,
+    IPE_PUBLISH_SIGNALS,
+    IPE_PUBLISH_ESTIMATE,
+    IPE_PUBLISH_HEALTH,
+    IPE_PUBLISH_EVENT,
+    IPE_PUBLISH_TRACKER,
+    IPE_PUBLISH_COUNT
+} ipe_publish_channel_t;
+
+/// Takes one tracked position: host time [ns], position [3] in W, m.
+typedef void (*ipe_position_handler_t)(int64_t t_ns, const double position[3]);
+
+typedef struct {
+    lcm_t* lcm;                           ///< NULL: off
+    char channel[IPE_PUBLISH_COUNT][IPE_PUBLISH_NAME_MAX];
+    int64_t sequence[IPE_PUBLISH_COUNT];  ///< of the next message
+    int n_cables;
+    int64_t estimate_period_ns, estimate_due_ns;
+    bool has_estimate_due;
+    ipe_position_handler_t take_position;
+    ipe_message_limit_t limit;
+
+    int n_frames, n_rows;  ///< in the open blocks
+    inertiad_lcm_can_frame_t frame[IPE_PUBLISH_FRAMES];
+    uint8_t frame_data[IPE_PUBLISH_FRAMES][IPE_DATA_MAX];
+    inertiad_lcm_signals_row_t row[IPE_PUBLISH_ROWS];
+    double row_f[IPE_PUBLISH_ROWS][IPE_CABLES_MAX];
+    inertiad_lcm_counter_t counter[IPE_COUNTERS_MAX];
+    uint8_t bytes[IPE_PUBLISH_BYTES];
+
+    uint64_t n_input_dropped;      ///< written by the caller: frames and rows lost so far, told in the messages
+    uint64_t n_messages;           ///< sent
+    uint64_t n_failed;             ///< messages liblcm refused to send
+    uint64_t n_frames_failed;      ///< frames in RAW messages that failed
+    uint64_t n_not_finite;         ///< estimates held back: a value is NaN or Inf
+    uint64_t n_positions;          ///< positions received and handed on
+    uint64_t n_positions_invalid;  ///< received, flagged as not to be used
+    uint64_t n_positions_bad;      ///< received, not a tracker_t
+} ipe_publish_t;
+
+/// Open LCM.
+///
+///   url      in   as lcm_create(), "none": off
+///   prefix   in   of every channel: 1 to 40 letters, digits, '_', '-', '/'
+///   message  out  one line on failure, with what to do; size bytes, always terminated
+///
+/// 0 or -1. Allocates, inside liblcm.
+int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, const ipe_config_t* config, char* message,
+                     size_t size);
+
+/// Listen to TRACKER; handler is called from ipe_publish_receive(). 0 or -1.
+int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler);
+
+/// Readable when a message has come; -1 when LCM is off.
+int ipe_publish_fileno(const ipe_publish_t* p);
+
+/// Handle one message that has come. Call when fileno is readable.
+void ipe_publish_receive(ipe_publish_t* p);
+
+/// Add a frame to the open RAW block; sends it when 16 ms are full.
+void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame);
+
+/// Add a row to the open SIGNALS block; sends it when 16 ms are full.
+void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row);
+
+/// Send ESTIMATE if it is due at data time now_ns. An estimate with a value that is not finite is never sent.
+void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate);
+
+/// Send HEALTH: counters, and age [3] of the last imu, force, position sample [s], -1: none.
+void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* counters,
+                        const double age[IPE_SENSOR_COUNT]);
+
+/// Send EVENT: what happened, to which stage or bus; one line.
+void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text);
+
+/// Send the blocks that are open.
+void ipe_publish_flush(ipe_publish_t* p);
+
+/// Send the open blocks and the estimate, due or not: the last there will be.
+void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate);
+
+/// Close LCM.
+void ipe_publish_close(ipe_publish_t* p);
+
+/// A counter by index: its cause, and its value. NULL past the last. The names are stable.
+const char* ipe_publish_counter(const ipe_publish_t* p, unsigned index, uint64_t* value);
+
+#endif

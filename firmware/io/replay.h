@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Up to 8 CAN logs and a tracker file, merged by their stamps and, if asked, paced as they were recorded.
+///
+/// in: source_file and source_tracker_file; out: one frame or position at a time. At equal stamps a lower bus comes
+/// first and the tracker last, so the order depends on the files alone. An input that has nothing yet (a pipe) holds the
+/// others back; one that has ended does not. No heap, one thread; one clock reading per item when paced, none otherwise.
+#ifndef IPE_REPLAY_H
+#define IPE_REPLAY_H
+
+#include "types.h"
+#include "source_file.h"
+#include "source_tracker_file.h"
+
+typedef enum {
+    IPE_REPLAY_FRAME = 0,     ///< item->frame
+    IPE_REPLAY_POSITION = 1,  ///< item->position
+    IPE_REPLAY_WAIT = 2,      ///< an input has nothing yet: ipe_replay_fill() when item->fd is readable
+    IPE_REPLAY_EARLY = 3,     ///< the next item is due at item->due_ns
+    IPE_REPLAY_END = 4,       ///< every input has ended
+} ipe_replay_status_t;
+
+typedef struct {
+    const ipe_frame_t* frame;        ///< good until the next call
+    const ipe_position_t* position;  ///< good until the next call
+    int fd;
+    int64_t due_ns;                  ///< CLOCK_MONOTONIC
+} ipe_replay_item_t;
+
+typedef struct {
+    unsigned n_buses;
+    ipe_source_file_t bus[IPE_BUSES_MAX];
+    bool has_tracker;
+    ipe_source_tracker_file_t tracker;
+    double speed;        ///< log seconds per second, 0: as fast as possible
+    bool is_started;
+    int64_t log_0_ns;    ///< stamp of the first item
+    int64_t clock_0_ns;  ///< CLOCK_MONOTONIC when it was handed out
+} ipe_replay_t;
+
+/// Hand out the next item.
+ipe_replay_status_t ipe_replay_next(ipe_replay_t* r, ipe_replay_item_t* item);
+
+/// Read once from the input that ipe_replay_next() waits for.
+void ipe_replay_fill(ipe_replay_t* r);
+
+/// Close every input.
+void ipe_replay_close(ipe_replay_t* r);
+
+#endif
