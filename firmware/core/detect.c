@@ -36,6 +36,7 @@ double ipe_detect_nis(const double innovation[IPE_NY], const double S[IPE_NY][IP
 
 ipe_detect_verdict_t ipe_detect_push(ipe_detect_t* d, double nis)
 {
+    if (isnan(nis)) { return IPE_DETECT_USE; }
     d->n_outstanding = nis > NIS_LIMIT ? d->n_outstanding + 1 : 0;
     if (d->n_outstanding == 1) {
         ++d->n_held;

@@ -25,7 +25,7 @@ void ipe_detect_init(ipe_detect_t* d);
 /// NIS of an innovation [6] with covariance S [6][6] from the states and L L^T from the noise. NaN if that is singular.
 double ipe_detect_nis(const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY]);
 
-/// What to do with a window of this NIS.
+/// What to do with a window of this NIS. NaN tells nothing: the filter will refuse that window.
 ipe_detect_verdict_t ipe_detect_push(ipe_detect_t* d, double nis);
 
 #endif

@@ -152,10 +152,6 @@ ipe_status_t ipe_group_push(ipe_group_t* g, const ipe_sample_t* sample, ipe_read
             ++g->n_duplicate;
             return IPE_NOT_READY;
         }
-        if (g->has_counter && !c.has_counter) {  // what it belongs to was lost
-            ++g->n_incomplete;
-            return IPE_NOT_READY;
-        }
         open_sample(g, t_ns);
     }
     if (c.has_counter) { g->counter = c.counter; }

@@ -245,6 +245,7 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
     add_geometry(p, &e);
     if (ipe_body_from_theta(e.theta, e.covariance, &e.body) != IPE_OK) { return false; }
     if (!all_finite(e.theta, IPE_NP) || !all_finite(&e.covariance[0][0], IPE_NP * IPE_NP) || !isfinite(nis)) { return false; }
+    if (!all_finite(&e.body.mass, sizeof e.body / sizeof(double))) { return false; }
     judge_observability(&p->prior, &e);
     read_systematic(p, &e);
     *estimate = e;
