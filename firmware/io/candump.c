@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "candump.h"
 
+#include "source.h"
+
 #include <string.h>
 
 enum { INTERFACE_NAME_MAX = 15, CLASSICAL_MAX = 8 };
 static const int64_t NS_PER_S = 1000000000;
-static const int64_t SECONDS_MAX = 9223372035;  // the last whole second an int64 of nanoseconds can hold
 
 /// What is left of the line.
 typedef struct {
@@ -66,7 +67,7 @@ static bool take_stamp(cursor_t* c, int64_t* t_ns)
     int64_t fraction;
     if (!take_char(c, '(') || take_decimal(c, 10, &seconds) == 0 || !take_char(c, '.')) { return false; }
     int n = take_decimal(c, 9, &fraction);
-    if (n == 0 || seconds > SECONDS_MAX || !take_char(c, ')')) { return false; }
+    if (n == 0 || seconds > IPE_SECONDS_MAX || !take_char(c, ')')) { return false; }
     for (; n < 9; ++n) { fraction *= 10; }
     *t_ns = seconds * NS_PER_S + fraction;
     return true;

@@ -59,7 +59,11 @@ static void put_observable(text_t* t, const bool observable[IPE_NP])
 {
     put(t, "  \"observable\": {\"mass\": %s", observable[0] ? "true" : "false");
     for (int i = 1; i < IPE_NP; ++i) {
-        put(t, "%s%s", i == 1 ? ", \"cog\": [" : i == 4 ? "], \"inertia_cog\": [" : ", ", observable[i] ? "true" : "false");
+        put(t, "%s%s",
+            i == 1   ? ", \"cog\": ["
+            : i == 4 ? "], \"inertia_cog\": ["
+                     : ", ",
+            observable[i] ? "true" : "false");
     }
     put(t, "]},\n");
 }

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 /// estimate.json: what a run found, in the form that people and programs read.
 ///
-///   {"method", "mass": {"value", "std"}, "cog": {...}, "inertia_cog": {...}, "consistent", "observable": {...},
+///   {"method", "mass": {"value", "std"}, "cog": {...}, "inertia_cog": {...},
+///    "attitude_bias", "world_yaw", "acc_bias", "imu_alignment", "position_delay", "force_offset", "force_gain": {...},
+///    "consistent", "observable": {...}, "changes",
 ///    "samples": {"frames", "used", "rejected", "windows"}, "duration_s", "counters": {...}}
 ///
-/// kg, m, kg m2; P to C; xx yy zz yz xz xy, matrix entries; std is one standard deviation. Without an estimate the
-/// three quantities are null. A quantity is observable where the data at least halved the prior's standard deviation.
+/// kg, m, kg m2; P to C; xx yy zz yz xz xy, matrix entries; std is one standard deviation; sensor errors as in
+/// robot_config_t. Without an estimate the three quantities are null and the sensor errors left out. A quantity is
+/// observable where the data at least halved the prior's standard deviation.
 /// Holds nothing but what came from the input, so the same log gives the same bytes. 48 KB of static buffer, one thread.
 #ifndef IPE_ESTIMATE_FILE_H
 #define IPE_ESTIMATE_FILE_H

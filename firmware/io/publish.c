@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "publish.h"
 
+#include "source.h"
+
 #include "inertiad_lcm_estimate_t.h"
 #include "inertiad_lcm_event_t.h"
 #include "inertiad_lcm_health_t.h"
@@ -15,6 +17,7 @@
 
 enum { PREFIX_MAX = 40, TRACKER_QUEUE = 1000 };
 static const int64_t BLOCK_NS = 16000000;
+static const int64_t NS_PER_S = 1000000000;
 
 /// Fields and their counterparts in a message have the same size, or this does not compile.
 #define COPY(to, from)                                                               \
@@ -65,7 +68,8 @@ static void handle_tracker(const lcm_recv_buf_t* received, const char* channel, 
     (void)channel;
     ipe_publish_t* p = user;
     inertiad_lcm_tracker_t tracker;
-    if (inertiad_lcm_tracker_t_decode(received->data, 0, (int)received->data_size, &tracker) < 0) {
+    const int n = inertiad_lcm_tracker_t_decode(received->data, 0, (int)received->data_size, &tracker);
+    if (n < 0 || tracker.t_ns < 0 || tracker.t_ns / NS_PER_S > IPE_SECONDS_MAX) {
         p->n_positions_bad++;
     } else if (!tracker.valid) {
         p->n_positions_invalid++;

@@ -64,7 +64,7 @@ typedef struct {
     uint64_t n_not_finite;         ///< estimates held back: a value is NaN or Inf
     uint64_t n_positions;          ///< positions received and handed on
     uint64_t n_positions_invalid;  ///< received, flagged as not to be used
-    uint64_t n_positions_bad;      ///< received, not a tracker_t
+    uint64_t n_positions_bad;      ///< received, not a tracker_t or its time out of range
 } ipe_publish_t;
 
 /// Open LCM.

@@ -5,6 +5,8 @@
 #include <string.h>
 #include <time.h>
 
+static const double NEVER_NS = 4e18;  // after the start: a century
+
 static int64_t monotonic_ns(void)
 {
     struct timespec t;
@@ -47,7 +49,7 @@ static bool is_early(ipe_replay_t* r, int64_t t_ns, int64_t* due_ns)
         r->log_0_ns = t_ns;
         r->clock_0_ns = now_ns;
     }
-    *due_ns = r->clock_0_ns + llround((double)(t_ns - r->log_0_ns) / r->speed);
+    *due_ns = r->clock_0_ns + llround(fmin((double)(t_ns - r->log_0_ns) / r->speed, NEVER_NS));
     return *due_ns > now_ns;
 }
 

@@ -31,12 +31,12 @@ static bool is_wanted(ipe_source_file_t* s, ipe_candump_name_t name)
     return false;
 }
 
-/// True if the line is a frame for us, now in s->head.
-static bool parse(ipe_source_file_t* s, const char* text, size_t length, bool is_ended)
+/// True if the line is a frame for us, now in *frame.
+static bool parse(ipe_source_file_t* s, ipe_frame_t* frame, const char* text, size_t length, bool is_ended)
 {
     ipe_candump_name_t name;
     uint64_t n_dropped = 0;
-    const ipe_candump_t result = ipe_candump_parse(text, length, &s->head, &name, &n_dropped);
+    const ipe_candump_t result = ipe_candump_parse(text, length, frame, &name, &n_dropped);
     if (result == IPE_CANDUMP_FRAME) {
         s->n_result[result]++;
         return is_wanted(s, name);
@@ -60,9 +60,10 @@ static ipe_source_status_t end(ipe_source_file_t* s)
     return IPE_SOURCE_END;
 }
 
-ipe_source_status_t ipe_source_file_peek(ipe_source_file_t* s)
+/// The next frame of the file.
+static ipe_source_status_t read_frame(ipe_source_file_t* s, ipe_frame_t* frame)
 {
-    while (!s->has_head) {
+    for (;;) {
         const char* text;
         size_t length;
         const ipe_lines_status_t found = ipe_lines_next(&s->lines, &text, &length);
@@ -71,17 +72,50 @@ ipe_source_status_t ipe_source_file_peek(ipe_source_file_t* s)
         if (found == IPE_LINES_LONG) {
             s->n_too_long++;
             report(s, "is too long", text, length);
-            continue;
+        } else if (parse(s, frame, text, length, found == IPE_LINES_OK)) {
+            frame->bus = s->bus;
+            return IPE_SOURCE_READY;
         }
-        s->has_head = parse(s, text, length, found == IPE_LINES_OK);
     }
-    s->head.bus = s->bus;
+}
+
+/// s->head is far from the last stamp: drop it if the frame after it is not. WAIT: that one has not come yet.
+static ipe_source_status_t drop_stray(ipe_source_file_t* s)
+{
+    while (ipe_stamps_are_far(s->head.t_ns, s->last_ns)) {
+        if (!s->has_ahead) {
+            const ipe_source_status_t status = read_frame(s, &s->ahead);
+            if (status == IPE_SOURCE_WAIT) { return status; }
+            s->has_ahead = status == IPE_SOURCE_READY;
+        }
+        if (!s->has_ahead || ipe_stamps_are_far(s->ahead.t_ns, s->last_ns)) { break; }
+        s->head = s->ahead;
+        s->has_ahead = false;
+        s->n_stray++;
+    }
     return IPE_SOURCE_READY;
+}
+
+ipe_source_status_t ipe_source_file_peek(ipe_source_file_t* s)
+{
+    if (!s->has_head && s->has_ahead) {
+        s->head = s->ahead;
+        s->has_ahead = false;
+        s->has_head = true;
+    }
+    if (!s->has_head) {
+        const ipe_source_status_t status = read_frame(s, &s->head);
+        if (status != IPE_SOURCE_READY) { return status; }
+        s->has_head = true;
+    }
+    return s->has_last ? drop_stray(s) : IPE_SOURCE_READY;
 }
 
 void ipe_source_file_take(ipe_source_file_t* s)
 {
     s->has_head = false;
+    s->has_last = true;
+    s->last_ns = s->head.t_ns;
     ipe_bus_count(&s->counts, &s->head);
 }
 
@@ -114,6 +148,7 @@ const char* ipe_source_file_counter(const ipe_source_file_t* s, unsigned index, 
         {"bad_id", s->n_result[IPE_CANDUMP_BAD_ID]},
         {"bad_data", s->n_result[IPE_CANDUMP_BAD_DATA]},
         {"bad_tail", s->n_result[IPE_CANDUMP_BAD_TAIL]},
+        {"stray_stamp", s->n_stray},
         {"too_long", s->n_too_long},
         {"cut", s->n_cut},
     };

@@ -64,7 +64,7 @@ static bool read_decimal_seconds(const char* cell, int64_t* t_ns)
 static bool read_time(const char* cell, int64_t* t_ns)
 {
     double t;
-    if (!read_number(cell, &t) || !(fabs(t) < 9.2e9)) { return false; }
+    if (!read_number(cell, &t) || !(t >= 0.0 && t <= (double)IPE_SECONDS_MAX)) { return false; }
     if (!read_decimal_seconds(cell, t_ns)) { *t_ns = llround(t * (double)NS_PER_S); }
     return true;
 }
@@ -145,24 +145,58 @@ static void refuse(ipe_source_tracker_file_t* s)
     ipe_message("%s:%" PRIu64 ": row has no readable t, x, y and z", s->path, s->lines.number);
 }
 
-ipe_source_status_t ipe_source_tracker_file_peek(ipe_source_tracker_file_t* s)
+/// The next position of the file.
+static ipe_source_status_t read_position(ipe_source_tracker_file_t* s, ipe_position_t* position)
 {
-    while (!s->has_head) {
+    for (;;) {
         const char* text;
         size_t length;
         const ipe_lines_status_t found = ipe_lines_next(&s->lines, &text, &length);
         if (found == IPE_LINES_WAIT) { return IPE_SOURCE_WAIT; }
         if (found == IPE_LINES_END) { return IPE_SOURCE_END; }
         if (found == IPE_LINES_OK && length == 0) { continue; }
-        s->has_head = found != IPE_LINES_LONG && read_row(s, text, length, &s->head);
-        if (!s->has_head) { refuse(s); }
+        if (found != IPE_LINES_LONG && read_row(s, text, length, position)) { return IPE_SOURCE_READY; }
+        refuse(s);
+    }
+}
+
+/// s->head is far from the last time: drop it if the position after it is not. WAIT: that one has not come yet.
+static ipe_source_status_t drop_stray(ipe_source_tracker_file_t* s)
+{
+    while (ipe_stamps_are_far(s->head.t_ns, s->last_ns)) {
+        if (!s->has_ahead) {
+            const ipe_source_status_t status = read_position(s, &s->ahead);
+            if (status == IPE_SOURCE_WAIT) { return status; }
+            s->has_ahead = status == IPE_SOURCE_READY;
+        }
+        if (!s->has_ahead || ipe_stamps_are_far(s->ahead.t_ns, s->last_ns)) { break; }
+        s->head = s->ahead;
+        s->has_ahead = false;
+        s->n_stray++;
     }
     return IPE_SOURCE_READY;
+}
+
+ipe_source_status_t ipe_source_tracker_file_peek(ipe_source_tracker_file_t* s)
+{
+    if (!s->has_head && s->has_ahead) {
+        s->head = s->ahead;
+        s->has_ahead = false;
+        s->has_head = true;
+    }
+    if (!s->has_head) {
+        const ipe_source_status_t status = read_position(s, &s->head);
+        if (status != IPE_SOURCE_READY) { return status; }
+        s->has_head = true;
+    }
+    return s->has_last ? drop_stray(s) : IPE_SOURCE_READY;
 }
 
 void ipe_source_tracker_file_take(ipe_source_tracker_file_t* s)
 {
     s->has_head = false;
+    s->has_last = true;
+    s->last_ns = s->head.t_ns;
     s->n_positions++;
 }
 
@@ -178,7 +212,11 @@ void ipe_source_tracker_file_close(ipe_source_tracker_file_t* s)
 
 const char* ipe_source_tracker_file_counter(const ipe_source_tracker_file_t* s, unsigned index, uint64_t* value)
 {
-    if (index == 0) { *value = s->n_positions; }
-    if (index == 1) { *value = s->n_bad_rows; }
-    return index == 0 ? "positions" : index == 1 ? "bad_rows" : NULL;
+    const struct {
+        const char* cause;
+        uint64_t value;
+    } counter[] = {{"positions", s->n_positions}, {"bad_rows", s->n_bad_rows}, {"stray_time", s->n_stray}};
+    if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
+    *value = counter[index].value;
+    return counter[index].cause;
 }

@@ -3,6 +3,7 @@
 ///
 /// in: a header with the columns t [s], x, y, z [m, world frame] in any order, among others that are ignored; then rows.
 /// out: one position at a time, in the order of the file. t counts from the same instant as the stamps of the CAN log.
+/// A row whose time is over 1 s off while the next one is back is left out and counted.
 /// A row that cannot be read never stops the reading: it is counted, and the first few are reported with line number.
 /// 64 KB of state, caller-allocated, no heap, one thread.
 #ifndef IPE_SOURCE_TRACKER_FILE_H
@@ -10,7 +11,7 @@
 
 #include "lines.h"
 #include "message.h"
-#include "source_file.h"
+#include "source.h"
 
 typedef struct {
     int64_t t_ns;        ///< host time, ns
@@ -24,11 +25,16 @@ typedef struct {
     int column[IPE_TRACKER_COLUMNS];  ///< index of t, x, y, z in the file
     bool has_head;
     ipe_position_t head;              ///< the next position, when has_head
+    bool has_ahead;
+    ipe_position_t ahead;             ///< the one after it, read only when head's time is far off
+    bool has_last;
+    int64_t last_ns;                  ///< time of the last position taken
     ipe_lines_t lines;
     ipe_message_limit_t limit;
 
     uint64_t n_positions;  ///< handed on
     uint64_t n_bad_rows;   ///< a needed cell missing or not a number, or a line that is too long or cut
+    uint64_t n_stray;      ///< positions left out, their time is far off
 } ipe_source_tracker_file_t;
 
 /// Open a file ("-": stdin) and read its header; waits for it on a pipe. path is kept by pointer.

@@ -8,7 +8,7 @@
 static bool is_listed(const char* list, const char* word)
 {
     const size_t n = strlen(word);
-    if (n == 0) { return false; }
+    if (n == 0 || strchr(word, ' ') != NULL) { return false; }
     for (const char* at = list; (at = strstr(at, word)) != NULL; at += n) {
         const bool begins = at == list || at[-1] == ' ';
         if (begins && (at[n] == ' ' || at[n] == '\0')) { return true; }

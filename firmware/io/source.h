@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+/// What sources of recorded data have in common.
+#ifndef IPE_SOURCE_H
+#define IPE_SOURCE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/// What a source has to offer right now.
+typedef enum {
+    IPE_SOURCE_READY = 0,
+    IPE_SOURCE_WAIT = 1,  ///< nothing until the descriptor is readable
+    IPE_SOURCE_END = 2,   ///< nothing any more
+} ipe_source_status_t;
+
+/// Stamps lie in 0 .. this, so that their differences and small sums fit. Seconds; the year 2255.
+#define IPE_SECONDS_MAX 8999999999
+
+/// True if two stamps are so far apart that one of them may be wrong: over 1 s.
+static inline bool ipe_stamps_are_far(int64_t a_ns, int64_t b_ns)
+{
+    const int64_t apart_ns = a_ns > b_ns ? a_ns - b_ns : b_ns - a_ns;
+    return apart_ns > 1000000000;
+}
+
+#endif
