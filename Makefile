@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+# `make` alone prints what there is to make. T=word narrows any test, V=1 shows commands and whole outputs.
+
+B ?= build
+UNITY_DIR ?= build/unity
+T ?=
+V ?= 0
+export T V
+
+MAKEFLAGS += --no-builtin-rules
+.DELETE_ON_ERROR:
+.SECONDARY:
+.DEFAULT_GOAL := help
+Q := $(if $(filter 1,$(V)),,@)
+say = $(if $(filter 1,$(V)),,@echo '  $(1)';)
+
+PY := .venv/bin/python
+SITE := .venv/site
+GEN := $(patsubst lcm_types/%.lcm,build/gen/inertiad_lcm_%.c,$(wildcard lcm_types/*.lcm))
+
+CORE := $(patsubst %.c,$(B)/obj/%.o,$(wildcard firmware/core/*.c))
+IO := $(patsubst %.c,$(B)/obj/%.o,$(wildcard firmware/io/*.c) $(GEN))
+LIBS = $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a $(SITE)/lib/liblcm.a -l:libglib-2.0.so.0 -pthread -lm
+PROGRAMS := $(patsubst firmware/app/%.c,$(B)/bin/%,$(wildcard firmware/app/*.c)) $(B)/bin/inertiactl
+EXAMPLES := $(patsubst host/eigen/examples/%.cpp,$(B)/bin/examples/%,$(wildcard host/eigen/examples/*.cpp))
+BINDING := $(patsubst host/eigen/python/%.cpp,$(B)/python/%.so,$(wildcard host/eigen/python/*.cpp))
+UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/test_*.c))
+BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
+
+# No -ffast-math and no contraction: the same log gives the same bytes on every machine.
+OPT ?= -O2 -g
+FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MMD -MP
+INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/include
+CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
+CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
+$(CORE): CFLAGS += -std=c11
+
+## Print this list
+help:
+	@awk '/^## /{d=substr($$0,4); next} /^[a-z-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' Makefile
+	@echo '  T=word narrows a test, V=1 shows commands'
+
+# ---- set-up: each stamp is one group of packages ------------------------------------------------------------------
+
+## Install what building, running and testing need: system packages, .venv
+setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
+
+.venv/%.stamp: host/inertiad/pyproject.toml tools/setup
+	$(Q)tools/setup $*
+	@touch $@
+.venv/test.stamp .venv/lint.stamp: .venv/run.stamp
+
+build/unity/unity.c:
+	$(call say,fetch Unity)tools/unity $(@D)
+
+# ---- build --------------------------------------------------------------------------------------------------------
+
+## Build daemon, inertiactl, Python binding and C++ examples into build/
+build: $(PROGRAMS) $(BINDING) $(EXAMPLES) build/python/inertiad_lcm
+
+$(GEN) &: $(wildcard lcm_types/*.lcm) | .venv/run.stamp
+	$(call say,generate lcm_types)rm -rf build/gen build/python/inertiad_lcm && mkdir -p build/gen build/python && \
+	    $(SITE)/bin/lcm-gen -c --c-cpath build/gen --c-hpath build/gen -p --ppath build/python lcm_types/*.lcm
+build/python/inertiad_lcm: | $(GEN)
+
+$(B)/obj/%.o: %.c | $(GEN)
+	@mkdir -p $(@D)
+	$(call say,cc  $<)$(CC) $(CFLAGS) -c $< -o $@
+$(B)/obj/build/gen/%.o: build/gen/%.c
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(CFLAGS) -w -c $< -o $@
+$(B)/obj/%.o: %.cpp | $(GEN)
+	@mkdir -p $(@D)
+	$(call say,c++ $<)$(CXX) $(CXXFLAGS) -c $< -o $@
+
+$(B)/lib/libinertiad_core.a: $(CORE)
+$(B)/lib/libinertiad_io.a: $(IO)
+$(B)/lib/%.a:
+	@mkdir -p $(@D)
+	$(Q)rm -f $@ && $(AR) rcs $@ $^
+
+$(B)/bin/inertiactl: tools/inertiactl
+	@mkdir -p $(@D)
+	$(Q)install -m 755 $< $@
+$(B)/bin/%: $(B)/obj/firmware/app/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+	@mkdir -p $(@D)
+	$(call say,ld  $@)$(CC) $(SANITIZE) $< $(LIBS) -o $@
+$(B)/bin/examples/%: $(B)/obj/host/eigen/examples/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+	@mkdir -p $(@D)
+	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
+
+NANOBIND := $(SITE)/nanobind
+PYTHON_H = $(shell $(PY) -c 'import sysconfig; print(sysconfig.get_path("include"))')
+BINDING_FLAGS = -fvisibility=hidden -fno-strict-aliasing -DNB_COMPACT_ASSERTIONS \
+    -isystem $(NANOBIND)/include -isystem $(NANOBIND)/ext/robin_map/include -isystem $(PYTHON_H)
+$(B)/obj/host/eigen/python/%.o: CXXFLAGS += $(BINDING_FLAGS)
+$(B)/obj/nanobind.o: | .venv/run.stamp
+	@mkdir -p $(@D)
+	$(call say,c++ nanobind)$(CXX) $(CXXFLAGS) $(BINDING_FLAGS) -w -c $(NANOBIND)/src/nb_combined.cpp -o $@
+$(B)/python/inertiad_core.so: $(patsubst %.cpp,$(B)/obj/%.o,$(wildcard host/eigen/python/core/*.cpp))
+$(B)/python/%.so: $(B)/obj/host/eigen/python/%.o $(B)/obj/nanobind.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+	@mkdir -p $(@D)
+	$(call say,ld  $@)$(CXX) -shared $(filter %.o,$^) $(LIBS) -Wl,--exclude-libs,ALL -o $@
+
+## Simulate the paper's experiment, stream it through the daemon, compare with the truth
+demo: build
+	$(Q)$(PY) tools/demo.py
+
+# ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
+
+## Run every test; ends with one line: N passed, N failed, N skipped
+test: .venv/test.stamp build unit-programs asan-programs vcan-runs
+	@$(PY) tools/test unit laws host vcan asan
+
+## Test the stages of the core (Unity)
+test-unit: unit-programs
+	@$(PY) tools/test unit
+
+## Test the laws the mathematics must keep
+test-laws: .venv/test.stamp build unit-programs
+	@$(PY) tools/test laws
+
+## Test the Python package, the C++ layer and the programs end to end (pytest)
+test-host: .venv/test.stamp build
+	@$(PY) tools/test host
+
+## Test the daemon on a real vcan, in a guest kernel where this one has no CAN
+test-vcan: .venv/test.stamp vcan-runs
+	@$(PY) tools/test vcan
+
+## Run unit tests and laws again under the address and undefined-behaviour sanitizers
+test-asan: asan-programs
+	@$(PY) tools/test asan
+
+unit-programs: $(UNIT)
+asan-programs:
+	@$(MAKE) --no-print-directory B=build/asan OPT='-O1 -g' \
+	    SANITIZE='-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer' unit-programs
+
+vcan-runs: build
+	$(Q)$(PY) test/vcan/prepare.py
+
+TEST_CFLAGS := -Wno-missing-prototypes -DUNITY_INCLUDE_DOUBLE -isystem $(UNITY_DIR) -Itest/unit
+$(B)/obj/test/%.o: CFLAGS += $(TEST_CFLAGS)
+$(UNIT:$(B)/test/%=$(B)/obj/test/%.o): | $(UNITY_DIR)/unity.c
+$(B)/obj/unity.o: $(UNITY_DIR)/unity.c
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(CFLAGS) $(TEST_CFLAGS) -w -c $< -o $@
+$(UNIT): $(B)/obj/unity.o
+$(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+	@mkdir -p $(@D)
+	$(call say,ld  $@)$(CC) $(SANITIZE) $(filter %.o,$^) $(LIBS) -o $@
+
+$(B)/test/bench/%: $(B)/obj/test/bench/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+	@mkdir -p $(@D)
+	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
+
+## Measure beside other software: microseconds per sample, frames per second from file to estimate
+bench: .venv/test.stamp build $(BENCH)
+	$(Q)$(PY) test/bench/bench.py
+
+# ---- habits ---------------------------------------------------------------------------------------------------------
+
+C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
+PY_FILES = host test tools/test $(wildcard tools/*.py)
+
+## Rewrite C, C++ and Python sources in the project's format
+format: .venv/lint.stamp
+	$(Q).venv/bin/clang-format -i $(C_FILES)
+	$(Q).venv/bin/ruff format -q --config host/inertiad/pyproject.toml $(PY_FILES)
+
+## Tell which files `make format` would change
+format-check: .venv/lint.stamp
+	$(Q).venv/bin/clang-format --dry-run --Werror $(C_FILES)
+	$(Q).venv/bin/ruff format -q --check --config host/inertiad/pyproject.toml $(PY_FILES)
+
+## Look for mistakes without running: compiler warnings, clang-tidy, ruff, mypy, shellcheck
+lint: .venv/lint.stamp .venv/test.stamp build
+	@$(MAKE) --no-print-directory B=build/strict WERROR=-Werror build unit-programs
+	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 $(INCLUDE)
+	$(Q).venv/bin/ruff check -q --config host/inertiad/pyproject.toml $(PY_FILES)
+	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
+	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl .ci/run
+
+## Everything a change must pass
+check: format-check lint test
+
+## Bytes per stage of the core, and its deepest stack frames
+size: $(B)/lib/libinertiad_core.a
+	@size $<
+	@echo; echo 'bytes of stack, largest frames:'
+	@cat $(CORE:.o=.su) | sort -k 2 -n -r | awk '{sub(".*/","",$$1); printf "%7d  %s\n",$$2,$$1}' | head -5
+
+## Remove build/ (make clean-all: .venv/ as well)
+clean:
+	rm -rf build
+clean-all: clean
+	rm -rf .venv
+
+.PHONY: help setup build demo test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs vcan-runs bench \
+    format format-check lint check size clean clean-all
+-include $(shell find $(B)/obj -name '*.d' 2>/dev/null)
