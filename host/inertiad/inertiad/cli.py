@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""inertiactl: the command line. Commands only parse, call one module and say what came out.
+
+Exit codes: 0 good, 1 a check failed, 2 bad usage or input, with one line on stderr.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.exceptions import TyperException
+
+from inertiad.error import InputError
+
+HELP = {"help_option_names": ["-h", "--help"]}
+
+app = typer.Typer(
+    name="inertiactl",
+    help="Describe a robot, simulate or import a run, watch what the daemon identifies.",
+    context_settings=HELP,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot description, robot.toml.")]
+RunFolder = Annotated[Path, typer.Option("-o", "--output", metavar="RUN", help="Run folder to write.")]
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """A spinner with the current step on stderr, if that is a terminal."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda step: None
+        return
+    with console.status("start") as status:
+        yield lambda step: status.update(f"{step} ...")
+
+
+def _say(text: str) -> None:
+    typer.echo(text, err=True)
+
+
+@app.command("compile", epilog="Example: inertiactl compile firmware/robots/cogiro/robot.toml -o robot.cfg")
+def compile_command(
+    robot: RobotFile,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Configuration to write.")],
+    blind: Annotated[
+        bool, typer.Option("--blind", help="Leave [nominal] out: the estimate starts from nothing.")
+    ] = False,
+) -> None:
+    """Check a robot description and its DBC files and write the daemon's configuration.
+
+    Every key of robot.toml with its default: python -m pydoc inertiad.robot
+    """
+    from inertiad import compile as compiler
+    from inertiad import robot as description
+
+    described = description.load(robot)
+    if blind:
+        described = described.model_copy(update={"nominal": None})
+    n_bytes = compiler.write(output, described, str(robot))
+    _say(f"{output}: {n_bytes} bytes")
+
+
+@app.command(epilog="Example: inertiactl simulate firmware/robots/cogiro/robot.toml --faults modern --seed 1 -o run")
+def simulate(
+    robot: RobotFile,
+    output: RunFolder,
+    trajectory: Annotated[str, typer.Option(metavar="paper|hold|FILE.csv", help="What the platform does.")] = "paper",
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="IMU and force samples; default: by --faults.")
+    ] = None,
+    faults: Annotated[
+        str, typer.Option(metavar="PRESET|FILE", help="ideal, modern, paper, or a TOML file.")
+    ] = "modern",
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Same seed, same files.")] = 0,
+    body: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="True body: mass, cog, inertia_cog; .toml or .json.")
+    ] = None,
+    mass: Annotated[float | None, typer.Option(metavar="KG", help="True mass instead of the body's.")] = None,
+    pose: Annotated[str, typer.Option(metavar="X,Y,Z,R,P,Y", help="Pose of hold, m and rad.")] = "0,0,2,0,0,0",
+    duration: Annotated[float, typer.Option(metavar="S", min=0.1, max=1e5, help="Duration of hold, s.")] = 10.0,
+) -> None:
+    """Simulate a run: CAN log, tracker positions and the truth behind them."""
+    from inertiad import robot as description
+    from inertiad import sensors
+    from inertiad import simulate as simulator
+    from inertiad import trajectory as trajectories
+
+    described = description.load(robot)
+    level = sensors.faults(faults)
+    run = simulator.Run(
+        robot_file=robot,
+        robot=described,
+        body=simulator.body_of(described, robot, body, mass),
+        trajectory=trajectories.named(trajectory, pose, duration),
+        trajectory_name=trajectory,
+        level=level,
+        faults_name=faults,
+        rate=level.rate if rate is None else rate,
+        seed=seed,
+    )
+    with _progress() as progress:
+        n_frames = simulator.simulate(run, output, progress)
+    _say(f"{output}: {n_frames} frames over {run.trajectory.duration:.1f} s")
+
+
+@app.command(epilog="Example: inertiactl encode robot.toml signals.csv --tracker tracker.csv -o run")
+def encode(
+    robot: RobotFile,
+    signals: Annotated[Path, typer.Argument(metavar="SIGNALS", help="CSV: t,acc_x,..,gyro_z,q_w,..,q_z,f_1,..,f_m.")],
+    output: RunFolder,
+    tracker: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV: t,x,y,z [m].")] = None,
+) -> None:
+    """Turn recorded signals into a run folder with a CAN log that the daemon and other tools read.
+
+    Columns of SIGNALS: s, m/s2 (specific force), rad/s, unit quaternion body to world (or roll,pitch,yaw in rad), N.
+    """
+    from inertiad import encode as encoder
+    from inertiad import robot as description
+
+    with _progress() as progress:
+        progress("pack frames")
+        n_frames = encoder.encode(robot, description.load(robot), signals, tracker, output)
+    _say(f"{output}: {n_frames} frames")
+
+
+@app.command(epilog="Example: inertiactl watch --seconds 10")
+def watch(
+    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
+    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
+) -> None:
+    """Show the daemon's estimate with its standard deviations, live."""
+    from inertiad import watch as watcher
+
+    watcher.watch(url, prefix, seconds)
+
+
+@app.command(epilog="Example: inertiactl replay run --bus socketcan:vcan0 --speed 1")
+def replay(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, or a log: .log .asc .blf .trc .mf4 .lcmlog.")],
+    bus: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ADDRESS", help="socketcan:vcan0, one per bus of the log; -: candump lines on stdout."),
+    ] = None,
+    speed: Annotated[float, typer.Option(metavar="S", help="Log seconds per second.")] = 1.0,
+    loop: Annotated[int, typer.Option(metavar="N", min=1, help="Play it this often.")] = 1,
+    start: Annotated[float, typer.Option(metavar="S", min=0.0, help="Leave out what is before, s.")] = 0.0,
+    stop: Annotated[float | None, typer.Option(metavar="S", help="Leave out what is after, s.")] = None,
+    tracker: Annotated[
+        str | None,
+        typer.Option(metavar="lcm|none", help="Where tracker.csv goes; default: lcm, none with --bus -."),
+    ] = None,
+    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
+    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+) -> None:
+    """Play a run again as it was recorded: frames to CAN or stdout, tracker positions as LCM messages."""
+    from inertiad import replay as replayer
+
+    if tracker not in (None, "lcm", "none"):
+        raise InputError(f"--tracker {tracker}: allowed: lcm, none")
+    buses, remarks = bus or [], list[str]()
+    is_tracked = tracker == "lcm" or (tracker is None and buses != ["-"])
+    options = replayer.Options(run, buses, speed, loop, start, stop, is_tracked, url, prefix)
+    with _progress() as progress:
+        progress(f"play {run}")
+        played = replayer.replay(options, remarks)
+    for line in (*remarks, *played.lateness):
+        _say(str(line))
+    waits = f", {played.n_waits} times a queue was full" if played.n_waits else ""
+    unsent = f", stopped with {played.n_unsent} unsent" if played.n_unsent else ""
+    _say(f"{played.duration:.3f} s{waits}{unsent}")
+
+
+@app.command(epilog="Example: inertiactl fit run1 run2 --method joint --json estimate.json --validate run3")
+def fit(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN|SIGNALS.csv...", help="Runs of one body.")],
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
+    ] = None,
+    method: Annotated[str, typer.Option(metavar="joint|wls|iv|paper", help="How; see below.")] = "joint",
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write estimate.json.")] = None,
+    validate: Annotated[
+        list[Path] | None, typer.Option("--validate", metavar="RUN", help="Predict this run, which is not used.")
+    ] = None,
+) -> None:
+    """Identify the body offline, from any number of runs together.
+
+    joint: body and sensor errors together, the optimum. wls: plain weighted least squares. iv: instrumental variables.
+    paper: the two-step method of the source paper.
+    """
+    from inertiad import diagnose
+    from inertiad import fit as fitter
+
+    with _progress() as progress:
+        progress("read and fit")
+        described, config, estimate, recordings, held_out = fitter.main(runs, robot, method, validate or [])
+        progress("look for mistakes")
+        found = diagnose.diagnose(described, recordings)
+    typer.echo(fitter.text(estimate, fitter.truth_of(runs)))
+    for line in fitter.remarks(estimate, recordings, held_out):
+        _say(line)
+    for finding in found:
+        _say(f"diagnosis: {finding}")
+    if json is not None:
+        fitter.write(json, fitter.document(described, estimate, recordings, held_out))
+
+
+@app.command(epilog="Example: inertiactl calibrate robot.toml run1 run2 --payload run2=20.0 -o calibration.toml")
+def calibrate(
+    robot: RobotFile,
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN|SIGNALS.csv...", help="Runs with the same sensors.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Calibration to write, TOML.")],
+    payload: Annotated[
+        list[str] | None, typer.Option("--payload", metavar="RUN=KG", help="Known added mass on the robot in a run.")
+    ] = None,
+    tare: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
+    ] = None,
+) -> None:
+    """Find the sensors' systematic errors, say what the runs cannot tell, and write what compile takes in.
+
+    In robot.toml: [calibration] file = "calibration.toml".
+    """
+    from inertiad import calibrate as calibrator
+    from inertiad import diagnose
+    from inertiad import fit as fitter
+
+    with _progress() as progress:
+        progress("read and solve")
+        result, recordings = calibrator.main(robot, runs, payload or [], tare)
+        progress("look for mistakes")
+        found = diagnose.diagnose(result.robot, recordings)
+    typer.echo(calibrator.text(result))
+    for mass, estimate in zip(result.payloads, result.estimates, strict=True):
+        _say(f"payload {mass:g} kg: mass {estimate.body.value[0]:.3f} ± {estimate.body.std[0]:.3f} kg")
+    for line in fitter.remarks(result.estimates[0], recordings, []):
+        _say(line)
+    for line in calibrator.correlations(result):
+        _say(line)
+    for direction in result.directions:
+        _say(f"not told: {direction}")
+    for finding in found:
+        _say(f"diagnosis: {finding}")
+    calibrator.write(output, result)
+    _say(f"{output}: written")
+
+
+@app.command(epilog="Example: inertiactl verify run --bus file")
+def verify(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
+    bus: Annotated[
+        list[str] | None, typer.Option(metavar="file|socketcan:vcan0", help="Default: file; else one per bus.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: verify.json in RUN.")] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Verify this robot.cfg instead of compiling robot.toml.")
+    ] = None,
+    daemon: Annotated[Path | None, typer.Option(metavar="FILE", help="Another inertiad than build/bin's.")] = None,
+    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
+    latency_max: Annotated[float, typer.Option(metavar="S", help="p99 allowed, frame's stamp to message.")] = 0.1,
+) -> None:
+    """Run the daemon on a recorded run and check line by line that it does what it must. Exit code 1: a check failed."""
+    from inertiad import verify as verifier
+
+    buses = () if bus in (None, [], ["file"]) else tuple(bus or ())
+    options = verifier.Options(run, buses, config, daemon, url, latency_max)
+    with _progress() as progress:
+        checks = verifier.verify(options, progress)
+    for check in checks:
+        typer.echo(str(check))
+    verifier.write(json or run / "verify.json", options, checks)
+    n_failed = sum(not check.passed for check in checks)
+    typer.echo(f"{'FAIL' if n_failed else 'PASS'}: {len(checks) - n_failed} of {len(checks)} checks passed")
+    if n_failed:
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    """Run the command line and exit."""
+    try:
+        code: Any = app(prog_name="inertiactl", standalone_mode=False)
+    except InputError as error:
+        _fail(str(error))
+    except TyperException as error:
+        if not error.format_message():  # no arguments: the help has been shown
+            sys.exit(2)
+        _fail(error.format_message())
+    except OSError as error:
+        _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))
+    except (KeyboardInterrupt, typer.Abort):
+        sys.exit(130)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(text: str) -> NoReturn:
+    _say(f"inertiactl: {' '.join(text.split())}")
+    sys.exit(2)

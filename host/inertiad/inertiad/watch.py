@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A live table of the daemon's estimate: LCM in, terminal out."""
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import lcm
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from inertiad.error import InputError
+from inertiad.estimate import NAMES, UNITS, of_message
+from inertiad_lcm import estimate_t, health_t
+
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+DEFAULT_PREFIX = "INERTIAD_"
+SILENT_AFTER = 2.0
+"""s without a message after which the table says so"""
+
+
+@contextmanager
+def _silent_library() -> Iterator[None]:
+    """Keep what the C library itself writes to stderr from the terminal: the caller says it in one line."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(sink)
+
+
+def connect(url: str) -> lcm.LCM:
+    """An LCM instance. InputError if the URL is wrong or no interface carries multicast."""
+    try:
+        with _silent_library():
+            return lcm.LCM(url)
+    except RuntimeError:
+        raise InputError(
+            f"--lcm {url}: cannot open: allowed: an LCM URL; udpm needs a multicast route, "
+            "for one machine: ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
+        ) from None
+
+
+class Latest:
+    """The newest message of each kind and when it came."""
+
+    def __init__(self) -> None:
+        self.estimate: estimate_t | None = None
+        self.health: health_t | None = None
+        self.heard = time.monotonic()
+
+    def on_estimate(self, _channel: str, data: bytes) -> None:
+        self.estimate = estimate_t.decode(data)
+        self.heard = time.monotonic()
+
+    def on_health(self, _channel: str, data: bytes) -> None:
+        self.health = health_t.decode(data)
+        self.heard = time.monotonic()
+
+    @property
+    def silence(self) -> float:
+        """s since the last message."""
+        return time.monotonic() - self.heard
+
+
+def _estimate_table(estimate: estimate_t) -> Table:
+    body = of_message(estimate)
+    table = Table(title="platform", title_justify="left", min_width=52)
+    for heading in ("", "value", "± std", "unit"):
+        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
+    for name, unit, value, std in zip(NAMES, UNITS, body.value, body.std, strict=True):
+        digits = 4 if unit == "m" else 3
+        table.add_row(name, f"{value:.{digits}f}", f"{std:.{digits}f}", unit)
+    return table
+
+
+def _summary(estimate: estimate_t) -> Text:
+    state = ("consistent", "green") if estimate.consistent else ("not a body that can exist", "red")
+    counts = (
+        f"{estimate.n_windows} windows, {estimate.n_rows} rows, {estimate.n_dropped} dropped, NIS {estimate.nis:.1f}   "
+    )
+    return Text.assemble(counts, state)
+
+
+_AGE_NAMES = ("imu", "force", "position")
+
+
+def _health_line(health: health_t) -> Text:
+    ages = ", ".join(
+        f"{name} {'none yet' if age < 0 else f'{1e3 * age:.0f} ms'}"
+        for name, age in zip(_AGE_NAMES, health.age, strict=True)
+    )
+    return Text(f"age of last sample: {ages}", style="dim")
+
+
+def _view(latest: Latest, url: str) -> Group:
+    parts: list[Any] = []
+    if latest.estimate is None:
+        parts.append(Text(f"waiting for an estimate on {url}", style="dim"))
+    else:
+        parts += [_estimate_table(latest.estimate), _summary(latest.estimate)]
+    if latest.health is not None:
+        parts.append(_health_line(latest.health))
+    if latest.silence > SILENT_AFTER:
+        parts.append(Text(f"no message for {latest.silence:.0f} s", style="yellow"))
+    return Group(*parts)
+
+
+def watch(url: str, prefix: str, seconds: float | None) -> None:
+    """Show the estimate until interrupted, for some seconds, or to the end of a log. InputError: see connect()."""
+    bus = connect(url)
+    latest = Latest()
+    bus.subscribe(f"{prefix}ESTIMATE", latest.on_estimate)
+    bus.subscribe(f"{prefix}HEALTH", latest.on_health)
+    end = None if seconds is None else time.monotonic() + seconds
+    with Live(_view(latest, url), console=Console(), refresh_per_second=10, transient=False) as live:
+        while end is None or time.monotonic() < end:
+            try:
+                bus.handle_timeout(100)
+            except OSError:  # a log file has come to its end
+                break
+            live.update(_view(latest, url))
