@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robots and helpers shared by the host tests."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from inertiad import robot as description
+from inertiad.robot import Robot
+
+TOP = Path(__file__).resolve().parents[2]
+COGIRO = TOP / "firmware/robots/cogiro"
+
+MINIMAL = """
+name = "four"
+[cables]
+tension_min = 1
+tension_max = 1000
+"""
+CORNERS = [(-2, -2), (2, -2), (2, 2), (-2, 2)]
+
+
+def minimal_toml(n_cables: int, extra: str = "") -> str:
+    """Text of a robot.toml with n cables from the corners of a square at 3 m to those of a box."""
+    text = MINIMAL
+    for i in range(n_cables):
+        x, y = CORNERS[i % 4]
+        z = 3.0 + 0.1 * (i // 4)
+        text += f"[[cable]]\nanchor = [{x}, {y}, {z}]\nattachment = [{0.1 * x}, {0.1 * y}, {0.2 * (i // 4)}]\n"
+    return text + extra
+
+
+@pytest.fixture
+def cogiro() -> Robot:
+    return description.load(COGIRO / "robot.toml")
+
+
+@pytest.fixture
+def robot_file(tmp_path: Path) -> Callable[[str], Path]:
+    """Write text as robot.toml beside CoGiRo's DBC files."""
+
+    def write(text: str) -> Path:
+        for dbc in COGIRO.glob("*.dbc"):
+            (tmp_path / dbc.name).write_bytes(dbc.read_bytes())
+        path = tmp_path / "robot.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def inertiactl() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the command line in a process of its own."""
+
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "inertiad", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=TOP)
+
+    return run

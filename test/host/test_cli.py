@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command line in a process of its own: exit codes, one line on stderr, files written."""
+
+import json
+
+import lcm
+import numpy as np
+import pytest
+from conftest import COGIRO, TOP, minimal_toml
+from rich.console import Console
+
+import inertiad_core
+from inertiad import estimate, watch
+from inertiad.error import InputError
+from inertiad_lcm import estimate_t, health_t
+
+COMMANDS = ["compile", "simulate", "encode", "watch"]
+
+
+def one_line_and_2(result):
+    assert result.returncode == 2
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    return lines[0]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_an_example(inertiactl, command):
+    result = inertiactl(command, "-h")
+    assert result.returncode == 0
+    assert f"Example: inertiactl {command}" in " ".join(result.stdout.split())
+
+
+def test_help_lists_the_commands(inertiactl):
+    result = inertiactl("-h")
+    assert all(command in result.stdout for command in COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["compil"], "No such command 'compil'"),
+        (["compile", COGIRO / "robot.toml"], "Missing option '-o' / '--output'"),
+        (["compile", "nowhere.toml", "-o", "x.cfg"], "nowhere.toml: No such file or directory"),
+        (["compile", COGIRO / "robot.toml", "-o", "/nowhere/x.cfg"], "/nowhere/x.cfg: No such file or directory"),
+        (["simulate", COGIRO / "robot.toml", "--faults", "few", "-o", "x"], '--faults "few": allowed: ideal, modern'),
+        (["simulate", COGIRO / "robot.toml", "--rate", "fast", "-o", "x"], "--rate"),
+        (
+            ["simulate", COGIRO / "robot.toml", "--mass", "-1", "-o", "x"],
+            "--mass: mass = -1.0: allowed: 1e-06 to 1e+07 kg",
+        ),
+        (["encode", COGIRO / "robot.toml", "nowhere.csv", "-o", "x"], "nowhere.csv: No such file or directory"),
+        (["watch", "--lcm", "nonsense://"], "--lcm nonsense://: cannot open"),
+    ],
+)
+def test_user_errors_are_one_line_and_exit_2(inertiactl, arguments, message):
+    assert message in one_line_and_2(inertiactl(*arguments))
+
+
+def test_compile_writes_what_the_core_reads(inertiactl, tmp_path):
+    result = inertiactl("compile", COGIRO / "robot.toml", "-o", tmp_path / "robot.cfg")
+    assert result.returncode == 0, result.stderr
+    assert inertiad_core.Config((tmp_path / "robot.cfg").read_bytes()).n_cables == 8
+
+
+def test_simulate_then_compile_the_run(inertiactl, tmp_path):
+    run = tmp_path / "run"
+    arguments = ["--trajectory", "hold", "--duration", "0.5", "--faults", "modern", "--seed", "7", "-o", run]
+    result = inertiactl("simulate", COGIRO / "robot.toml", *arguments)
+    assert result.returncode == 0, result.stderr
+    assert json.loads((run / "truth.json").read_text())["seed"] == 7
+    assert inertiactl("compile", run / "robot.toml", "-o", run / "robot.cfg").returncode == 0
+
+
+def test_encode_then_compile_the_run(inertiactl, tmp_path):
+    robot, signals, tracker, run = (tmp_path / n for n in ("robot.toml", "signals.csv", "tracker.csv", "run"))
+    robot.write_text(minimal_toml(4))
+    t = np.arange(100) / 100.0
+    data = np.column_stack([t, *[np.zeros(100)] * 2, np.full(100, 9.81), *[np.zeros(100)] * 3, np.ones(100)])
+    data = np.column_stack([data, np.zeros((100, 3)), np.full((100, 4), 50.0)])
+    header = "t,acc_x,acc_y,acc_z,gyro_x,gyro_y,gyro_z,q_w,q_x,q_y,q_z,f_1,f_2,f_3,f_4"
+    np.savetxt(signals, data, delimiter=",", header=header, comments="")
+    np.savetxt(tracker, np.column_stack([t, np.zeros((100, 3))]), delimiter=",", header="t,x,y,z", comments="")
+    result = inertiactl("encode", robot, signals, "--tracker", tracker, "-o", run)
+    assert result.returncode == 0, result.stderr
+    assert len((run / "can.log").read_text().splitlines()) == 200
+    assert inertiactl("compile", run / "robot.toml", "-o", run / "robot.cfg").returncode == 0
+
+
+def test_python_file_has_a_licence_line():
+    for path in [*(TOP / "host/inertiad/inertiad").glob("*.py"), *(TOP / "test/host").glob("*.py")]:
+        assert path.read_text().startswith("# SPDX-License-Identifier: Apache-2.0\n"), path
+
+
+# ---- estimate and watch ----------------------------------------------------------------------------------------------
+
+
+def message(mass=161.0):
+    result = estimate_t()
+    result.mass, result.mass_std, result.cog = mass, 0.5, [0.01, 0.02, -0.3]
+    result.inertia_cog = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    result.n_windows, result.n_rows, result.consistent = 12, 3400, True
+    return result
+
+
+def shown(latest):
+    console = Console(width=100, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(watch._view(latest, "udpm://x"))
+    return console.export_text()
+
+
+def test_view_shows_value_std_and_consistency():
+    latest = watch.Latest()
+    assert "waiting for an estimate on udpm://x" in shown(latest)
+    latest.on_estimate("", message().encode())
+    health = health_t()
+    health.age = [0.001, 0.002, -1.0]
+    latest.on_health("", health.encode())
+    text = shown(latest)
+    assert "161.000" in text
+    assert "0.500" in text
+    assert "-0.3000" in text
+    assert "12 windows, 3400 rows" in text
+    assert "consistent" in text
+    assert "imu 1 ms, force 2 ms, position none yet" in text
+
+
+def test_watch_shows_what_an_lcm_log_holds(inertiactl, tmp_path):
+    log = lcm.EventLog(str(tmp_path / "run.lcmlog"), "w", overwrite=True)
+    log.write_event(1_000_000, "INERTIAD_ESTIMATE", message(123.456).encode())
+    log.close()
+    result = inertiactl("watch", "--lcm", f"file://{tmp_path}/run.lcmlog?speed=0", "--seconds", "1")
+    assert result.returncode == 0, result.stderr
+    assert "123.456" in result.stdout
+
+
+ESTIMATE = {
+    "method": "rls",
+    "mass": {"value": 10.0, "std": 0.1},
+    "cog": {"value": [1, 2, 3], "std": [0.1, 0.2, 0.3]},
+    "inertia_cog": {"value": [1, 2, 3, 4, 5, 6], "std": [0, 0, 0, 0, 0, 0]},
+}
+TRUTH = {"mass": 9.0, "cog": [1, 2, 2], "inertia_cog": [1, 2, 3, 4, 5, 7], "seed": 1}
+
+
+def test_estimate_minus_truth(tmp_path):
+    (tmp_path / "estimate.json").write_text(json.dumps(ESTIMATE))
+    (tmp_path / "truth.json").write_text(json.dumps(TRUTH))
+    found, truth = estimate.read(tmp_path / "estimate.json"), estimate.read_truth(tmp_path / "truth.json")
+    assert estimate.errors(found, truth) == (1.0, 0, 0, 1.0, 0, 0, 0, 0, 0, -1.0)
+    assert found.std[:3] == (0.1, 0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "{",
+        "[]",
+        "{}",
+        json.dumps(ESTIMATE | {"mass": None}),
+        json.dumps(ESTIMATE | {"cog": {"value": [1], "std": [1]}}),
+    ],
+)
+def test_unusable_estimate_is_one_line(tmp_path, data):
+    (tmp_path / "estimate.json").write_text(data)
+    with pytest.raises(InputError, match=r"^[^\n]+estimate.json: [^\n]+$"):
+        estimate.read(tmp_path / "estimate.json")

@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated physics against laws stated another way, and sensors against their stated levels."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import COGIRO
+
+import inertiad_core
+from inertiad import compile as compiler
+from inertiad import robot as description
+from inertiad import sensors, trajectory
+from inertiad import simulate as simulator
+from inertiad.error import InputError
+from inertiad.robot import Nominal, inertia_matrix
+from inertiad.sensors import PRESETS, Dice, Faults
+from inertiad.simulate import Mechanics, Run
+from inertiad.table import Table
+
+BODY = Nominal(mass=120.0, cog=[0.05, -0.03, -0.2], inertia_cog=[40.0, 50.0, 30.0, 2.0, -1.0, 3.0])
+
+
+def mechanics(robot, level=PRESETS["ideal"], seed=1):
+    drawn = sensors.draw(level, robot.n_cables, Dice(seed))
+    true_robot = simulator._truly(robot, drawn)
+    config = inertiad_core.Config(compiler.compile_robot(true_robot, "robot"))
+    return Mechanics(config, true_robot, BODY, drawn, level.cable_swing)
+
+
+def without_weight(robot):
+    cables = [c.model_copy(update={"weight_per_length": 0.0}) for c in robot.cable]
+    return robot.model_copy(update={"cable": cables})
+
+
+def test_tensions_at_rest_carry_exactly_the_weight(cogiro):
+    robot = without_weight(cogiro)
+    still = trajectory.hold(np.array([0.5, -0.4, 2.0, 0.1, -0.2, 0.3]), 0.1)
+    t = np.array([0.0])
+    m = mechanics(robot)
+    f = simulator.tensions(m, t, still.at(t))
+    u, _, _ = inertiad_core.cable_geometry(m.config, still.at(t).p, still.at(t).R)
+    total = np.einsum("ni,nij->nj", f, u)[0]
+    assert np.allclose(total, [0.0, 0.0, BODY.mass * robot.gravity], atol=1e-8)
+    R, p = still.at(t).R[0], still.at(t).p[0]
+    arms = np.array([R @ c.attachment for c in robot.cable])
+    moment = np.cross(arms, f[0][:, None] * u[0]).sum(axis=0)
+    weight = np.cross(R @ np.array(BODY.cog), [0.0, 0.0, -BODY.mass * robot.gravity])
+    assert np.allclose(moment + weight, 0.0, atol=1e-8)
+    assert np.allclose(p, [0.5, -0.4, 2.0])
+
+
+def test_cable_weight_lowers_into_the_measured_tensions(cogiro):
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 0.1)
+    t = np.array([0.0])
+    heavy, light = mechanics(cogiro), mechanics(without_weight(cogiro))
+    u, _, _ = inertiad_core.cable_geometry(heavy.config, still.at(t).p, still.at(t).R)
+    lift = [float((simulator.tensions(m, t, still.at(t))[0] * u[0, :, 2]).sum()) for m in (heavy, light)]
+    assert 15.0 < lift[0] - lift[1] < 30.0  # N; straight cables over-read by about this much
+
+
+def test_required_wrench_is_the_momentum_derivative_of_many_particles():
+    """A body of point masses: sum of m (a - g) over the particles, accelerations by finite differences."""
+    rng = np.random.default_rng(3)
+    masses, points = rng.uniform(1.0, 10.0, 12), rng.uniform(-1.0, 1.0, (12, 3))
+    m = masses.sum()
+    rho = masses @ points / m
+    d = points - rho
+    J = sum(mi * (di @ di * np.eye(3) - np.outer(di, di)) for mi, di in zip(masses, d, strict=True))
+    elements = [J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]]
+    assert np.allclose(inertia_matrix(elements), J)
+    body = Nominal(mass=m, cog=rho.tolist(), inertia_cog=elements)
+    paper, h, g = trajectory.paper(), 1e-4, 9.81
+    for time in (1.3, 2.4, 6.1):
+        t = time + h * np.array([-1.0, 0.0, 1.0])
+        motion = paper.at(t)
+        world = motion.p[:, None, :] + np.einsum("nij,kj->nki", motion.R, points)
+        acceleration = (world[2] - 2.0 * world[1] + world[0]) / h**2
+        forces = masses[:, None] * (acceleration + np.array([0.0, 0.0, g]))
+        R, arms = motion.R[1], world[1] - motion.p[1]
+        expected = np.concatenate([R.T @ forces.sum(axis=0), R.T @ np.cross(arms, forces).sum(axis=0)])
+        assert np.allclose(simulator.required_wrench(motion, body, g)[1], expected, rtol=1e-5, atol=1e-3)
+
+
+def test_wrench_of_the_tensions_is_regressor_times_parameters(cogiro):
+    paper = trajectory.paper()
+    t = np.linspace(0.0, paper.duration, 400)
+    m, motion = mechanics(cogiro), paper.at(t)
+    f = simulator.tensions(m, t, motion)
+    W, sag = simulator.wrench_matrix(m, t, motion)
+    s = simulator.specific_force(motion, cogiro.gravity, np.zeros(3))
+    Y = inertiad_core.regressor(s, motion.omega, motion.alpha)
+    left = np.einsum("nij,nj->ni", W, f) + sag
+    assert np.allclose(left, Y @ compiler.theta_of(BODY), atol=1e-8)
+
+
+def test_tensions_keep_their_limits_where_the_even_pull_does_not(cogiro):
+    cables = [c.model_copy(update={"tension_min": 150.0}) for c in cogiro.cable]
+    m = mechanics(cogiro.model_copy(update={"cable": cables}))
+    paper = trajectory.paper()
+    t = np.linspace(0.0, paper.duration, 300)
+    W, sag = simulator.wrench_matrix(m, t, paper.at(t))
+    wrench = simulator.required_wrench(paper.at(t), BODY, 9.81) - sag
+    free = simulator._even_pull(W, wrench, np.full(8, 294.3))
+    f = simulator.tensions(m, t, paper.at(t))
+    broken = (free < 150.0).any(axis=1)
+    assert broken.any()
+    assert f.min() >= 150.0 - 1e-6
+    assert np.allclose(np.einsum("nij,nj->ni", W, f), wrench, atol=1e-8)
+    assert np.allclose(f[~broken], free[~broken])
+
+
+def test_tensions_out_of_reach_name_time_cable_and_value(cogiro):
+    high = trajectory.hold(np.array([0.0, 0.0, 5.3, 0.0, 0.0, 0.0]), 0.1)
+    with pytest.raises(InputError, match=r"t = 0.000 s: .*cable \d = -?[\d.e+]+ N: allowed: 100 to 5000 N"):
+        simulator.tensions(mechanics(cogiro), np.zeros(1), high.at(np.zeros(1)))
+
+
+def test_too_few_cables_say_what_is_missing(cogiro):
+    robot = cogiro.model_copy(update={"cable": cogiro.cable[:4]})
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.3, 0.0, 0.0]), 0.1)
+    with pytest.raises(InputError, match="4 cables cannot hold the platform"):
+        simulator.tensions(mechanics(robot), np.zeros(1), still.at(np.zeros(1)))
+
+
+def test_swing_turns_the_cables_by_its_amplitude(cogiro):
+    level = Faults(cable_swing=0.003)
+    swinging, straight = mechanics(cogiro, level), mechanics(cogiro)
+    t = np.linspace(0.0, 2.0, 400)
+    motion = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.1, 0.2, 0.3]), 2.0).at(t)
+    change = simulator.wrench_matrix(swinging, t, motion)[0] - simulator.wrench_matrix(straight, t, motion)[0]
+    angle = np.linalg.norm(change[:, :3], axis=1)
+    assert angle.max() < 0.003 * np.sqrt(2.0) + 1e-9
+    assert np.all(angle.max(axis=0) > 0.0025)
+    u = simulator.wrench_matrix(straight, t, motion)[0][:, :3]
+    assert np.abs(np.einsum("nji,nji->ni", u, change[:, :3])).max() < 1e-12
+
+
+# ---- sensors ---------------------------------------------------------------------------------------------------------
+
+
+def measured(robot, level, seed=1, duration=20.0, rate=200.0):
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.1, 0.2, 0.3]), duration)
+    t = np.arange(int(duration * rate)) / rate
+    m = mechanics(robot, level, seed)
+    return simulator.measure_signals(robot, m, still, t, level, rate, Dice(seed)), m.drawn
+
+
+@pytest.mark.parametrize(
+    ("fault", "columns", "sigma"),
+    [
+        ({"acc_noise_density": 0.001}, ("acc_x", "acc_y", "acc_z"), 0.001 * np.sqrt(100.0)),
+        ({"gyro_noise_density_deg": 0.1}, ("gyro_x", "gyro_z"), np.deg2rad(0.1) * np.sqrt(100.0)),
+        ({"force_noise_density": 0.2}, ("f_1", "f_8"), 0.2 * np.sqrt(100.0)),
+        ({"force_noise": 3.0}, ("f_1", "f_8"), 3.0),
+    ],
+)
+def test_noise_has_its_level_and_touches_nothing_else(cogiro, fault, columns, sigma):
+    clean, _ = measured(cogiro, Faults())
+    noisy, _ = measured(cogiro, Faults(**fault))
+    for name in clean.columns:
+        difference = noisy.columns[name] - clean.columns[name]
+        if name in columns:
+            assert np.std(difference) == pytest.approx(sigma, rel=0.06)
+        elif name[0] != columns[0][0]:
+            assert not difference.any()
+
+
+def test_systematic_faults_are_the_drawn_ones(cogiro):
+    clean, _ = measured(cogiro, Faults(), duration=0.1)
+    level = Faults(acc_bias=0.1, gyro_bias_deg=0.3, force_offset=15.0, force_gain=0.01)
+    off, drawn = measured(cogiro, level, duration=0.1)
+    for i, name in enumerate(("acc_x", "acc_y", "acc_z")):
+        assert np.allclose(off.columns[name] - clean.columns[name], drawn.acc_bias[i])
+    f, f_true = off.stack("f_1", "f_2"), clean.stack("f_1", "f_2")
+    assert np.allclose(f, (1.0 + drawn.force_gain[:2]) * f_true + drawn.force_offset[:2])
+    assert np.all(drawn.force_offset != 0.0)
+
+
+def test_attitude_faults_are_undone_by_their_definition(cogiro):
+    from scipy.spatial.transform import Rotation
+
+    clean, _ = measured(cogiro, Faults(), duration=0.1)
+    off, drawn = measured(cogiro, Faults(attitude_bias_deg=1.0, world_yaw_deg=3.0), duration=0.1)
+    q = ("q_w", "q_x", "q_y", "q_z")
+    reported = Rotation.from_quat(off.stack(*q), scalar_first=True)
+    true = Rotation.from_quat(clean.stack(*q), scalar_first=True)
+    back = Rotation.from_euler("z", drawn.world_yaw) * reported * Rotation.from_rotvec(drawn.attitude_bias)
+    assert (reported.inv() * true).magnitude().min() > 1e-3
+    assert (back.inv() * true).magnitude().max() < 1e-12
+
+
+def test_imu_pose_and_alignment_turn_what_it_measures(cogiro):
+    imu = cogiro.imu.model_copy(update={"orientation": [0.5, 0.5, 0.5, 0.5], "position": [0.1, 0.2, 0.3]})
+    plain, _ = measured(cogiro, Faults(), duration=0.1)
+    turned, _ = measured(cogiro.model_copy(update={"imu": imu}), Faults(), duration=0.1)
+    # this quaternion takes x to y, y to z, z to x
+    assert np.allclose(turned.stack("acc_x", "acc_y", "acc_z"), plain.stack("acc_y", "acc_z", "acc_x"))
+
+
+def test_wander_is_stationary_with_its_level():
+    slow = sensors.wander(0.5, 2.0, 100.0, 400_000, np.random.default_rng(1))
+    assert np.std(slow[:1000]) > 0.0
+    assert np.std(slow) == pytest.approx(0.5, rel=0.1)
+    lag = np.mean(slow[200:] * slow[:-200]) / np.mean(slow**2)
+    assert lag == pytest.approx(np.exp(-1.0), abs=0.08)
+
+
+def test_delays_show_what_was_measured_earlier(cogiro):
+    paper = trajectory.paper()
+    late = simulator.measure_tracker(cogiro, paper, Faults(tracker_delay=0.1), Dice(1))
+    prompt = simulator.measure_tracker(cogiro, paper, Faults(), Dice(1))
+    assert np.allclose(np.interp(prompt.t[500] + 0.1, late.t, late.columns["x"]), prompt.columns["x"][500], atol=1e-5)
+    assert abs(late.columns["x"][500] - prompt.columns["x"][500]) > 1e-3
+
+
+def test_streams_do_not_depend_on_each_other():
+    first = Dice(5)["acc_noise"].standard_normal(3)
+    dice = Dice(5)
+    dice["gyro_noise"].standard_normal(100)
+    assert np.array_equal(dice["acc_noise"].standard_normal(3), first)
+    assert not np.array_equal(Dice(6)["acc_noise"].standard_normal(3), first)
+    assert not np.array_equal(Dice(5)["gyro_noise"].standard_normal(3), first)
+
+
+# ---- runs ------------------------------------------------------------------------------------------------------------
+
+
+def run_of(robot, level, seed=1, rate=100.0, duration=1.0):
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), duration)
+    return Run(COGIRO / "robot.toml", robot, BODY, still, "hold", level, "test", rate, seed)
+
+
+def write(run, folder):
+    simulator.simulate(run, folder, lambda step: None)
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_same_seed_same_files_other_seed_other_files(cogiro, tmp_path):
+    level = PRESETS["modern"]
+    first, again = (write(run_of(cogiro, level), tmp_path / name) for name in "ab")
+    other = write(run_of(cogiro, level, seed=2), tmp_path / "c")
+    assert first == again
+    assert first["can.log"] != other["can.log"]
+    assert first["tracker.csv"] != other["tracker.csv"]
+
+
+def test_truth_states_what_was_put_in(cogiro, tmp_path):
+    truth = json.loads(write(run_of(cogiro, PRESETS["modern"]), tmp_path)["truth.json"])
+    assert truth["mass"] == BODY.mass
+    assert truth["cog"] == BODY.cog
+    assert truth["inertia_cog"] == BODY.inertia_cog
+    assert len(truth["force_offset"]) == 8
+    assert truth["seed"] == 1
+    assert truth["faults"]["force_offset"] == 5.0
+
+
+def stamps(text):
+    lines = [line.split() for line in text.decode().splitlines()]
+    return [(float(s.strip("()")), frame.split("#")[0]) for s, _, frame in lines]
+
+
+def test_ideal_frames_carry_their_samples_time(cogiro, tmp_path):
+    read = stamps(write(run_of(cogiro, Faults(), duration=0.1), tmp_path)["can.log"])
+    assert [s for s, _ in read[:6]] == [simulator.START] * 6
+    assert read[6][0] == pytest.approx(simulator.START + 0.01)
+
+
+def test_frames_on_the_bus_follow_each_other(cogiro, tmp_path):
+    level = Faults(bus_timing=True)
+    read = stamps(write(run_of(cogiro, level, rate=1000.0, duration=0.1), tmp_path)["can.log"])
+    first = [s - simulator.START for s, _ in read[:6]]
+    # six frames at 1 Mbit/s: 47 + 48 bits, then five of 47 + 64
+    assert first == pytest.approx(np.cumsum([95e-6] + [111e-6] * 5), abs=1e-6)
+    assert [i for _, i in read[:6]] == ["010", "011", "012", "013", "020", "021"]
+
+
+def test_overloaded_bus_is_refused(cogiro, tmp_path):
+    with pytest.raises(InputError, match=r"bus 0: \d+ % load at this --rate: allowed: up to 100 %"):
+        write(run_of(cogiro, Faults(bus_timing=True), rate=2000.0), tmp_path)
+
+
+def test_cogiro_at_1_khz_fits_one_classical_bus_in_the_worst_case(cogiro, tmp_path):
+    write(run_of(cogiro, Faults(bus_timing=True), rate=1000.0, duration=0.1), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["ideal", "modern", "paper"])
+def test_presets_run(cogiro, tmp_path, name):
+    assert set(write(run_of(cogiro, PRESETS[name], rate=25.0), tmp_path)) == {
+        "can.log",
+        "platform.dbc",
+        "robot.toml",
+        "tracker.csv",
+        "truth.json",
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("acc_biass = 0.1", "acc_biass: unknown key; did you mean acc_bias?"),
+        ("rate = 0", "rate = 0: allowed: 1 to 100000 Hz"),
+        ("bus_timing = 1", "bus_timing = 1: allowed: true or false"),
+    ],
+)
+def test_fault_file_errors(tmp_path, text, message):
+    path = tmp_path / "faults.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        sensors.faults(str(path))
+    assert str(caught.value) == f"{path}: {message}"
+
+
+def test_body_from_json_and_mass_option(cogiro, tmp_path):
+    path = tmp_path / "body.json"
+    path.write_text(BODY.model_dump_json())
+    assert simulator.body_of(cogiro, Path("robot.toml"), path, None) == BODY
+    assert simulator.body_of(cogiro, Path("robot.toml"), path, 99.0).mass == 99.0
+    assert simulator.body_of(cogiro, Path("robot.toml"), None, None) == cogiro.nominal
+    path.write_text('{"mass": 1')
+    with pytest.raises(InputError, match="not JSON"):
+        simulator.body_of(cogiro, Path("robot.toml"), path, None)
+
+
+def through_the_core(folder):
+    """The estimate of the C pipeline, which is not told the nominal body, from a run folder, and its counters."""
+    robot = description.load(folder / "robot.toml").model_copy(update={"nominal": None})
+    pipeline = inertiad_core.Pipeline(inertiad_core.Config(compiler.compile_robot(robot, "run")))
+    events = []
+    for line in (folder / "can.log").read_text().splitlines():
+        stamp, _, frame = line.split()
+        can_id, _, data = frame.partition("#")
+        t_ns = int(stamp.strip("()").replace(".", "")) * 1000
+        events.append(
+            (t_ns, int(can_id, 16), bytes.fromhex(data[2:] if data.startswith("#") else data), data[0] == "#")
+        )
+    if (folder / "tracker.csv").exists():
+        for row in np.loadtxt(folder / "tracker.csv", delimiter=",", skiprows=1):
+            events.append((round(row[0] * 1e6) * 1000, -1, row[1:].copy(), False))
+    for t_ns, can_id, data, is_fd in sorted(events, key=lambda e: (e[0], e[1] < 0)):
+        if can_id < 0:
+            pipeline.push_position(t_ns, data)
+        else:
+            pipeline.push_frame(t_ns, 0, can_id, data, int(is_fd))
+        while pipeline.step() != 1:
+            pass
+    pipeline.flush()
+    while pipeline.step() != 1:
+        pass
+    return pipeline.estimate, pipeline.counters
+
+
+FD = (COGIRO / "robot_fd.toml").read_text().replace('"robot.toml"', f'"{COGIRO}/robot.toml"')
+FD = FD.replace("platform_fd.dbc", f"{COGIRO}/platform_fd.dbc")
+WITHOUT_DBC = (COGIRO / "robot.toml").read_text().split("[[bus]]")[0]
+for old, new in {
+    "[imu]\nposition = [0, 0, 0]": "[imu]\nposition = [0.2, -0.1, 0.3]",
+    "orientation = [1, 0, 0, 0]": "orientation = [0.5, 0.5, -0.5, 0.5]",
+    "target = [0, 0, 0]": "target = [0.1, 0.3, -0.2]",
+}.items():
+    assert old in WITHOUT_DBC
+    WITHOUT_DBC = WITHOUT_DBC.replace(old, new)
+WITHOUT_DBC += '[position]\nsource = "can"\n[attitude]\nsource = "rpy"\n'
+
+
+@pytest.mark.parametrize("text", [FD, WITHOUT_DBC], ids=["one FD frame", "generated DBC, all over CAN, IMU off centre"])
+def test_ideal_sensors_give_back_a_body_the_prior_does_not_know(tmp_path, text):
+    file = tmp_path / "robot.toml"
+    file.write_text(text)
+    robot = description.load(file)
+    run = Run(file, robot, BODY, trajectory.paper(), "paper", PRESETS["ideal"], "ideal", 1000.0, 1)
+    simulator.simulate(run, tmp_path / "run", lambda step: None)
+    estimate, counters = through_the_core(tmp_path / "run")
+    assert counters["decode.decoded"] == counters["decode.frames"] > 45_000
+    assert estimate["mass"] == pytest.approx(BODY.mass, rel=1e-5)
+    assert np.allclose(estimate["cog"], BODY.cog, atol=5e-5)
+    assert np.allclose(estimate["inertia_cog"], BODY.inertia_cog, atol=0.05)
+    assert estimate["consistent"]
+
+
+def test_signals_table_of_a_run_is_what_a_user_would_bring(cogiro):
+    table, _ = measured(cogiro, Faults(), duration=0.1)
+    assert isinstance(table, Table)
+    assert {"acc_x", "q_w", "roll", "f_8"} <= set(table.columns)

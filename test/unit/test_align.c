@@ -1,0 +1,363 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "align.h"
+
+#include "robot.h"
+
+#define MS 1000000LL
+
+static ipe_config_t config;
+static ipe_align_t align;
+static ipe_row_t row;
+
+void setUp(void)
+{
+    config = cogiro();
+    config.max_wait = 0.02;
+    for (int i = 0; i < IPE_SENSOR_COUNT; ++i) { config.max_age[i] = 0.006; }
+    ipe_align_init(&align, &config);
+    memset(&row, 0, sizeof row);
+}
+
+void tearDown(void)
+{
+}
+
+static double quadratic(double t)
+{
+    return 3.0 - 20.0 * t + 700.0 * t * t;
+}
+
+static ipe_status_t push_imu(int64_t t_ns)
+{
+    const double value[10] = {1.0, 2.0, 3.0, 0.1, 0.2, 1e-9 * (double)t_ns, 0.0, 0.0, 0.0, 1.0};
+    return ipe_align_push(&align, IPE_IMU, t_ns, value);
+}
+
+static ipe_status_t push_force(int64_t t_ns)
+{
+    double value[IPE_CABLES_MAX] = {0.0};
+    for (int i = 0; i < 8; ++i) { value[i] = i * quadratic(1e-9 * (double)t_ns); }
+    return ipe_align_push(&align, IPE_FORCE, t_ns, value);
+}
+
+static ipe_status_t push_position(int64_t t_ns)
+{
+    const double t = 1e-9 * (double)t_ns;
+    const double value[3] = {t, quadratic(t), -quadratic(t)};
+    return ipe_align_push(&align, IPE_POSITION, t_ns, value);
+}
+
+static void assert_row_is_of(double t)
+{
+    for (int i = 0; i < 8; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, i * quadratic(t), row.f[i]); }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, t, row.position[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, -quadratic(t), row.position[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(t, row.gyro[2]);
+}
+
+static int pop_all(void)
+{
+    int n = 0;
+    while (ipe_align_pop(&align, &row) == IPE_OK) {
+        assert_row_is_of(1e-9 * (double)row.t_ns);
+        ++n;
+    }
+    return n;
+}
+
+static void test_pop_quadratic_signals_of_other_rates_are_interpolated_exactly(void)
+{
+    int n = 0;                                         // given: IMU at 1 kHz, forces every 3 ms, position
+    for (int64_t t = 0; t < 500 * MS; t += MS / 10) {  // every 4.2 ms, of a signal without third derivative
+        if (t % (3 * MS) == 0) { (void)push_force(t); }
+        if (t % (42 * MS / 10) == 0) { (void)push_position(t); }
+        if (t % MS == 0 && t >= 10 * MS) { (void)push_imu(t); }
+        n += pop_all();  // when, then: see assert_row_is_of()
+    }
+    TEST_ASSERT_GREATER_THAN_INT(475, n);
+    TEST_ASSERT_EQUAL_UINT64((uint64_t)n, align.n_rows);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_missing[IPE_FORCE] + align.n_late[IPE_FORCE] + align.n_late[IPE_POSITION]);
+}
+
+static void test_pop_uneven_sampling_is_interpolated_exactly(void)
+{
+    uint64_t seed = 5;  // given: gaps of 1 .. 5 ms
+    for (int64_t t = 0; t < 100 * MS; t += MS + (int64_t)(4e6 * uniform(&seed))) {
+        (void)push_force(t);
+        (void)push_position(t + MS / 3);
+    }
+    for (int64_t t = 10 * MS; t < 80 * MS; t += MS) { (void)push_imu(t); }
+    TEST_ASSERT_EQUAL_INT(70, pop_all());  // when, then
+}
+
+static void test_pop_same_instant_takes_sample_as_it_is(void)
+{
+    (void)push_force(5 * MS);  // given: one sample each, same instant
+    (void)push_position(5 * MS);
+    (void)push_imu(5 * MS);
+
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_pop(&align, &row));  // when
+
+    TEST_ASSERT_EQUAL_DOUBLE(7.0 * quadratic(0.005), row.f[7]);  // then
+    TEST_ASSERT_EQUAL_DOUBLE(quadratic(0.005), row.position[1]);
+    TEST_ASSERT_EQUAL_INT64(5 * MS, row.t_ns);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, row.q[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, row.acc[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, row.f[8]);
+}
+
+static void test_pop_waits_for_slow_sensor(void)
+{
+    for (int k = 0; k <= 10; ++k) {  // given: forces missing after 5 ms
+        (void)push_imu(k * MS);
+        (void)push_position(k * MS);
+        if (k <= 5) { (void)push_force(k * MS); }
+    }
+    TEST_ASSERT_EQUAL_INT(6, pop_all());  // when, then
+    TEST_ASSERT_EQUAL_INT(IPE_NOT_READY, ipe_align_pop(&align, &row));
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_late[IPE_FORCE]);
+
+    for (int k = 6; k <= 10; ++k) { (void)push_force(k * MS); }  // when they come
+    TEST_ASSERT_EQUAL_INT(5, pop_all());
+}
+
+static void test_pop_waits_no_longer_than_max_wait(void)
+{
+    int n = 0;  // given: forces end at 5 ms
+    for (int k = 0; k <= 50; ++k) {
+        (void)push_imu(k * MS);
+        (void)push_position(k * MS);
+        if (k <= 5) { (void)push_force(k * MS); }
+        n += pop_all();           // when
+    }
+    TEST_ASSERT_EQUAL_INT(6, n);  // then: rows 6 .. 29 given up, 30 .. 50 still wait
+    TEST_ASSERT_EQUAL_UINT64(24, align.n_late[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(30, align.ring[IPE_IMU].cursor);
+}
+
+static void test_pop_across_gap_drops_rows_and_counts(void)
+{
+    for (int k = 0; k <= 30; ++k) {  // given: forces absent from 11 to 19 ms, max_age 6 ms
+        (void)push_imu(k * MS);
+        (void)push_position(k * MS);
+        if (k <= 10 || k >= 20) { (void)push_force(k * MS); }
+    }
+    TEST_ASSERT_EQUAL_INT(31 - 9, pop_all());  // when, then
+    TEST_ASSERT_EQUAL_UINT64(9, align.n_missing[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_missing[IPE_POSITION]);
+}
+
+static void test_pop_before_first_sample_of_a_sensor_drops_rows(void)
+{
+    for (int k = 0; k <= 30; ++k) {  // given: position starts at 10 ms
+        (void)push_imu(k * MS);
+        (void)push_force(k * MS);
+        if (k >= 10) { (void)push_position(k * MS); }
+    }
+    TEST_ASSERT_EQUAL_INT(21, pop_all());  // when, then
+    TEST_ASSERT_EQUAL_UINT64(10, align.n_missing[IPE_POSITION]);
+}
+
+static void test_pop_fixed_position_needs_no_position_sensor(void)
+{
+    config.position_source = IPE_POSITION_FIXED;  // given
+    config.fixed_position[1] = 4.5;
+    ipe_align_init(&align, &config);
+    (void)push_imu(MS);
+    (void)push_force(MS);
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_pop(&align, &row));  // when
+    TEST_ASSERT_EQUAL_DOUBLE(4.5, row.position[1]);              // then
+}
+
+static void test_pop_delays_are_taken_off_the_stamps(void)
+{
+    config.delay[IPE_FORCE] = 0.002, config.delay[IPE_POSITION] = 0.005, config.delay[IPE_IMU] = 0.001;  // given
+    ipe_align_init(&align, &config);
+    for (int k = 0; k < 40; ++k) {
+        double f[IPE_CABLES_MAX] = {0.0};
+        const double t = 1e-3 * k;
+        for (int i = 0; i < 8; ++i) { f[i] = i * quadratic(t); }
+        const double p[3] = {t, quadratic(t), -quadratic(t)};
+        const double imu[10] = {1.0, 2.0, 3.0, 0.1, 0.2, 1e-9 * (double)(k * MS), 0.0, 0.0, 0.0, 1.0};
+        (void)ipe_align_push(&align, IPE_FORCE, (k + 2) * MS, f);
+        (void)ipe_align_push(&align, IPE_POSITION, (k + 5) * MS, p);
+        (void)ipe_align_push(&align, IPE_IMU, (k + 1) * MS, imu);
+    }
+    TEST_ASSERT_EQUAL_INT(40, pop_all());  // when, then
+}
+
+/// Rows of 100 ms pushed in the order that interleave() gives; their bytes.
+static int rows_pushed_in_blocks(int block_ms, ipe_row_t* rows)
+{
+    int n = 0;
+    ipe_align_init(&align, &config);
+    for (int start = 0; start < 100; start += block_ms) {
+        for (int k = start; k < start + block_ms; ++k) { (void)push_position(k * MS + MS / 7); }
+        for (int k = start; k < start + block_ms; ++k) { (void)push_imu(k * MS); }
+        for (int k = start; k < start + block_ms; ++k) { (void)push_force(k * MS + MS / 3); }
+        while (ipe_align_pop(&align, &rows[n]) == IPE_OK) { ++n; }
+    }
+    ipe_align_t* a = &align;
+    a->is_ending = true;
+    while (ipe_align_pop(&align, &rows[n]) == IPE_OK) { ++n; }
+    return n;
+}
+
+static void test_pop_result_does_not_depend_on_order_of_pushing(void)
+{
+    static ipe_row_t one_by_one[100], in_blocks[100];    // given
+    const int n = rows_pushed_in_blocks(1, one_by_one);  // when
+    const int m = rows_pushed_in_blocks(10, in_blocks);
+    TEST_ASSERT_EQUAL_INT(99, n);                        // then: all but the one before the first force
+    TEST_ASSERT_EQUAL_INT(n, m);
+    TEST_ASSERT_EQUAL_MEMORY(one_by_one, in_blocks, sizeof one_by_one[0] * (size_t)n);
+}
+
+static void test_pop_after_end_lets_last_rows_out(void)
+{
+    for (int k = 0; k <= 10; ++k) {  // given: forces between the IMU's instants
+        if (k > 0) { (void)push_imu(k * MS + MS / 2); }
+        (void)push_force(k * MS);
+        (void)push_position(k * MS);
+    }
+    TEST_ASSERT_EQUAL_INT(8, pop_all());                         // two samples wanted past a row's instant
+
+    align.is_ending = true;                                      // when
+
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_pop(&align, &row));  // then: one will do, none will not
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 7.0 * quadratic(0.0095), row.f[7]);
+    TEST_ASSERT_EQUAL_INT(IPE_NOT_READY, ipe_align_pop(&align, &row));
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_late[IPE_FORCE]);
+}
+
+static void test_push_time_backwards_is_refused_and_counted(void)
+{
+    (void)push_force(10 * MS);                                 // given
+    const ipe_align_t before = align;
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, push_force(10 * MS));  // when, then: same stamp, earlier stamp
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, push_force(2 * MS));
+    TEST_ASSERT_EQUAL_UINT64(2, align.n_backwards[IPE_FORCE]);
+    align.n_backwards[IPE_FORCE] = 0;
+    TEST_ASSERT_EQUAL_MEMORY(&before, &align, sizeof align);
+}
+
+static void test_push_big_step_back_restarts_sensor(void)
+{
+    for (int k = 0; k < 20; ++k) {  // given: stamps at 100 s
+        (void)push_imu(100000 * MS + k * MS);
+        (void)push_force(100000 * MS + k * MS);
+        (void)push_position(100000 * MS + k * MS);
+    }
+    (void)pop_all();
+    for (int k = 0; k < 20; ++k) {  // when: then from 10 s on
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_imu(10000 * MS + k * MS));
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_force(10000 * MS + k * MS));
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_position(10000 * MS + k * MS));
+    }
+    TEST_ASSERT_EQUAL_INT(20, pop_all());  // then
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_restarts[IPE_IMU]);
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_restarts[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_restarts[IPE_POSITION]);
+}
+
+static void test_push_one_stamp_far_ahead_costs_no_more_than_itself(void)
+{
+    for (int k = 0; k < 40; ++k) {  // given: one force sample stamped an hour ahead
+        (void)push_imu(k * MS);
+        (void)push_position(k * MS);
+        (void)push_force(k == 10 ? 3600000 * MS : k * MS);
+        (void)pop_all();  // when, then
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_restarts[IPE_FORCE]);
+    TEST_ASSERT_GREATER_THAN_UINT64(37, align.n_rows);
+}
+
+static void test_push_nonfinite_value_is_refused_and_counted(void)
+{
+    double f[IPE_CABLES_MAX] = {0.0}, imu[10] = {0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0};  // given
+    f[7] = NAN;
+    imu[4] = INFINITY;
+    const double p[3] = {0.0, -INFINITY, 0.0};
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_NONFINITE, ipe_align_push(&align, IPE_FORCE, 0, f));  // when, then
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_NONFINITE, ipe_align_push(&align, IPE_IMU, 0, imu));
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_NONFINITE, ipe_align_push(&align, IPE_POSITION, 0, p));
+    for (int i = 0; i < IPE_SENSOR_COUNT; ++i) {
+        TEST_ASSERT_EQUAL_UINT64(1, align.n_nonfinite[i]);
+        TEST_ASSERT_EQUAL_UINT64(0, align.ring[i].head);
+    }
+}
+
+static void test_push_quaternion_is_normalised_and_bad_one_refused(void)
+{
+    double imu[10] = {0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 0.0, 1.05, 0.0, 0.0};   // given
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_push(&align, IPE_IMU, 1, imu));  // when, then
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, align.imu[0][7]);
+    imu[7] = 0.0;
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, ipe_align_push(&align, IPE_IMU, 2, imu));
+    imu[7] = 1.2;
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, ipe_align_push(&align, IPE_IMU, 3, imu));
+    TEST_ASSERT_EQUAL_UINT64(2, align.n_bad_quaternion);
+    TEST_ASSERT_EQUAL_UINT64(1, align.ring[IPE_IMU].head);
+}
+
+static void test_push_bad_quaternion_with_old_stamp_changes_nothing(void)
+{
+    (void)push_imu(100000 * MS);                                                    // given
+    const double imu[10] = {0.0};
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, ipe_align_push(&align, IPE_IMU, 0, imu));  // when
+    TEST_ASSERT_EQUAL_UINT64(1, align.ring[IPE_IMU].head);                          // then
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_restarts[IPE_IMU]);
+}
+
+static void test_push_rpy_becomes_quaternion(void)
+{
+    config.attitude_source = IPE_ATTITUDE_RPY;  // given
+    ipe_align_init(&align, &config);
+    const double imu[9] = {0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 0.3, -0.2, 2.0};
+    (void)push_force(0);
+    (void)push_position(0);
+
+    (void)ipe_align_push(&align, IPE_IMU, 0, imu);  // when
+    (void)ipe_align_pop(&align, &row);
+
+    double R[3][3];  // then: R = Rz(2) Ry(-0.2) Rx(0.3)
+    mat3_from_quat(row.q, R);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -sin(-0.2), R[2][0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, cos(-0.2) * sin(0.3), R[2][1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, sin(2.0) * cos(-0.2), R[1][0]);
+}
+
+static void test_push_imu_alone_overruns_and_counts(void)
+{
+    config.max_wait = 10.0;                                              // given: nothing else ever comes
+    ipe_align_init(&align, &config);
+    for (int k = 0; k < IPE_RING + 30; ++k) { (void)push_imu(k * MS); }  // when
+    TEST_ASSERT_EQUAL_INT(IPE_NOT_READY, ipe_align_pop(&align, &row));
+    TEST_ASSERT_EQUAL_UINT64(30, align.n_overrun);                       // then
+    TEST_ASSERT_EQUAL_UINT64(IPE_RING + 30, align.n_samples[IPE_IMU]);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_pop_quadratic_signals_of_other_rates_are_interpolated_exactly);
+    RUN_TEST(test_pop_uneven_sampling_is_interpolated_exactly);
+    RUN_TEST(test_pop_same_instant_takes_sample_as_it_is);
+    RUN_TEST(test_pop_waits_for_slow_sensor);
+    RUN_TEST(test_pop_waits_no_longer_than_max_wait);
+    RUN_TEST(test_pop_across_gap_drops_rows_and_counts);
+    RUN_TEST(test_pop_before_first_sample_of_a_sensor_drops_rows);
+    RUN_TEST(test_pop_fixed_position_needs_no_position_sensor);
+    RUN_TEST(test_pop_delays_are_taken_off_the_stamps);
+    RUN_TEST(test_pop_result_does_not_depend_on_order_of_pushing);
+    RUN_TEST(test_pop_after_end_lets_last_rows_out);
+    RUN_TEST(test_push_time_backwards_is_refused_and_counted);
+    RUN_TEST(test_push_big_step_back_restarts_sensor);
+    RUN_TEST(test_push_one_stamp_far_ahead_costs_no_more_than_itself);
+    RUN_TEST(test_push_nonfinite_value_is_refused_and_counted);
+    RUN_TEST(test_push_quaternion_is_normalised_and_bad_one_refused);
+    RUN_TEST(test_push_bad_quaternion_with_old_stamp_changes_nothing);
+    RUN_TEST(test_push_rpy_becomes_quaternion);
+    RUN_TEST(test_push_imu_alone_overruns_and_counts);
+    return UNITY_END();
+}

@@ -1,0 +1,475 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "pipeline.h"
+
+#include "robot.h"
+
+#define MS 1000000LL
+#define START 1760000000000000000LL  // ns, host time of the first sample
+
+enum { N_SAMPLES = 20000 };          // of one millisecond
+
+static ipe_config_t config;
+static ipe_pipeline_t pipeline, other;
+static ideal_t sample[N_SAMPLES];
+static double truth[IPE_NP];
+static bool is_simulated;
+static char message[256];
+static uint64_t seed;
+
+static void simulate_once(void)
+{
+    if (is_simulated) { return; }
+    for (int k = 0; k < N_SAMPLES; ++k) { sample[k] = ideal_at(&config, 1e-3 * k, truth); }
+    is_simulated = true;
+}
+
+static void init(ipe_pipeline_t* p)
+{
+    TEST_ASSERT_EQUAL_INT_MESSAGE(IPE_OK, ipe_pipeline_init(p, &config, message, sizeof message), message);
+}
+
+void setUp(void)
+{
+    seed = 1234;
+    config = cogiro();
+    nominal_theta(truth);
+    simulate_once();
+    init(&pipeline);
+}
+
+void tearDown(void)
+{
+}
+
+static ipe_frame_t frame_of(uint32_t can_id, int length, int k)
+{
+    ipe_frame_t f;
+    memset(&f, 0, sizeof f);
+    f.t_ns = START + k * MS;
+    f.can_id = can_id;
+    f.flags = IPE_FRAME_FD;
+    f.length = (uint8_t)length;
+    return f;
+}
+
+static ipe_frame_t imu_a_of(const ideal_t* x, int k)
+{
+    ipe_frame_t f = frame_of(ID_IMU_A, LENGTH_IMU_A, k);
+    const uint16_t counter = (uint16_t)k;
+    const uint32_t time_us = (uint32_t)(4294000000U + 1000U * (unsigned)k);  // wraps after one second
+    memcpy(f.data, x->acc, 24);
+    memcpy(f.data + 24, x->gyro, 24);
+    memcpy(f.data + 48, &counter, 2);
+    memcpy(f.data + 52, &time_us, 4);
+    return f;
+}
+
+static ipe_frame_t imu_b_of(const ideal_t* x, int k)
+{
+    ipe_frame_t f = frame_of(ID_IMU_B, LENGTH_IMU_B, k);
+    memcpy(f.data, x->q, 32);
+    return f;
+}
+
+static ipe_frame_t force_of(const ideal_t* x, int k)
+{
+    ipe_frame_t f = frame_of(ID_FORCE, LENGTH_FORCE, k);
+    memcpy(f.data, x->f, 64);
+    return f;
+}
+
+static ipe_frame_t imu_a(int k)
+{
+    return imu_a_of(&sample[k], k);
+}
+
+static ipe_frame_t imu_b(int k)
+{
+    return imu_b_of(&sample[k], k);
+}
+
+static ipe_frame_t force(int k)
+{
+    return force_of(&sample[k], k);
+}
+
+static bool is_finite(const ipe_estimate_t* e)
+{
+    const ipe_body_t* b = &e->body;
+    return isfinite(b->mass) && isfinite(b->mass_std) && all_finite(b->cog, 3) && all_finite(b->cog_std, 3) &&
+           all_finite(b->inertia_cog, 6) && all_finite(b->inertia_cog_std, 6) && all_finite(e->theta, IPE_NP) &&
+           all_finite(&e->covariance[0][0], IPE_NP * IPE_NP) && isfinite(e->nis) &&
+           all_finite(e->systematic, (size_t)e->n_systematic) && all_finite(e->systematic_std, (size_t)e->n_systematic);
+}
+
+/// Step until nothing is ready; the number of new estimates, each of them finite.
+static int drain(ipe_pipeline_t* p)
+{
+    int n = 0;
+    ipe_row_t row;
+    ipe_estimate_t estimate;
+    for (ipe_status_t s; (s = ipe_pipeline_step(p, &row, &estimate)) != IPE_NOT_READY;) {
+        if (s != IPE_OK) { continue; }
+        TEST_ASSERT_TRUE(is_finite(&estimate));
+        TEST_ASSERT_EQUAL_MEMORY(&p->estimate, &estimate, sizeof estimate);
+        ++n;
+    }
+    return n;
+}
+
+/// Everything of one sample, the position every 4 ms.
+static void push_ideal(ipe_pipeline_t* p, const ideal_t* x, int k)
+{
+    const ipe_frame_t frames[] = {imu_a_of(x, k), imu_b_of(x, k), force_of(x, k)};
+    for (int i = 0; i < 3; ++i) { TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_pipeline_push_frame(p, &frames[i])); }
+    if (k % 4 == 0) { (void)ipe_pipeline_push_position(p, START + k * MS, x->position); }
+}
+
+static void push_sample(ipe_pipeline_t* p, int k)
+{
+    push_ideal(p, &sample[k], k);
+}
+
+static int run(ipe_pipeline_t* p, int first, int end)
+{
+    int n = 0;
+    for (int k = first; k < end; ++k) {
+        push_sample(p, k);
+        n += drain(p);
+    }
+    ipe_pipeline_flush(p);
+    return n + drain(p);
+}
+
+static uint64_t counter(const char* name)
+{
+    uint64_t value = 0;
+    for (unsigned i = 0;; ++i) {
+        const char* found = ipe_pipeline_counter(&pipeline, i, &value);
+        TEST_ASSERT_NOT_NULL_MESSAGE(found, name);
+        if (strcmp(found, name) == 0) { return value; }
+    }
+}
+
+static void test_step_ideal_sensors_find_the_body(void)
+{
+    const int n = run(&pipeline, 0, N_SAMPLES);    // given, when: 20 s of an exact simulation
+
+    const ipe_estimate_t* e = &pipeline.estimate;  // then
+    const double cog[3] = {-0.001, -0.077, -0.118}, J[6] = {94.955, 88.859, 31.635, 4.136, -0.085, -0.393};
+    TEST_ASSERT_GREATER_THAN_INT(190, n);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 161.058, 161.058, e->body.mass);
+    for (int i = 0; i < 3; ++i) { TEST_ASSERT_DOUBLE_WITHIN(50e-6, cog[i], e->body.cog[i]); }
+    for (int i = 0; i < 6; ++i) { TEST_ASSERT_DOUBLE_WITHIN(0.05, J[i], e->body.inertia_cog[i]); }
+    TEST_ASSERT_TRUE(e->consistent);
+    TEST_ASSERT_TRUE(ipe_pipeline_invariants_hold(&pipeline));
+}
+
+static void test_step_slow_forces_and_position_still_find_the_body(void)
+{
+    for (int k = 0; k < N_SAMPLES; ++k) {  // given: forces at 100 Hz, position at 250 Hz
+        const ipe_frame_t a = imu_a(k), b = imu_b(k), f = force(k);
+        (void)ipe_pipeline_push_frame(&pipeline, &a);
+        (void)ipe_pipeline_push_frame(&pipeline, &b);
+        if (k % 10 == 3) { (void)ipe_pipeline_push_frame(&pipeline, &f); }
+        if (k % 4 == 1) { (void)ipe_pipeline_push_position(&pipeline, START + k * MS, sample[k].position); }
+        (void)drain(&pipeline);                     // when
+    }
+    const ipe_body_t* b = &pipeline.estimate.body;  // then
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4 * 161.058, 161.058, b->mass);
+    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, -0.077, b->cog[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.3, 94.955, b->inertia_cog[0]);
+}
+
+static void test_step_payload_picked_up_is_noticed_and_followed(void)
+{
+    double loaded[IPE_NP], load[IPE_NP] = {50.0};  // given: 50 kg more from 10 s on, at (0.2, 0.1, 0.3)
+    const double at[3] = {0.2, 0.1, 0.3};
+    ipe_body_shift(at, load, NULL);
+    for (int i = 0; i < IPE_NP; ++i) { loaded[i] = truth[i] + load[i]; }
+    for (int k = 0; k < 10000; ++k) {
+        push_sample(&pipeline, k);
+        (void)drain(&pipeline);
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, pipeline.estimate.n_changes);
+    for (int k = 10000; k < N_SAMPLES; ++k) {  // when
+        const ideal_t x = ideal_at(&config, 1e-3 * k, loaded);
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+        if (k == 11000) { TEST_ASSERT_DOUBLE_WITHIN(5.0, 211.058, pipeline.estimate.body.mass); }  // then
+    }
+    TEST_ASSERT_TRUE(pipeline.estimate.n_changes > 0);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 211.058, pipeline.estimate.body.mass);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, loaded[3] / loaded[0], pipeline.estimate.body.cog[2]);
+}
+
+static void test_step_rest_does_not_wear_the_estimate(void)
+{
+    config.memory = 600.0;  // given: identified, and older data count less
+    init(&pipeline);
+    for (int k = 0; k < 10000; ++k) {
+        push_sample(&pipeline, k);
+        (void)drain(&pipeline);
+    }
+    const ipe_estimate_t before = pipeline.estimate;
+    const ideal_t still = rest_at(&config, 10.0, truth);
+    uint64_t excited = 0;
+    const int pause = 200;                          // so that stopping is no jump within a window
+    for (int k = 10000 + pause; k < 310000; ++k) {  // when: five minutes at rest with sensor noise
+        ideal_t x = still;
+        for (int i = 0; i < 3; ++i) { x.gyro[i] += 3e-3 * normal(&seed), x.acc[i] += 0.02 * normal(&seed); }
+        for (int i = 0; i < 8; ++i) { x.f[i] += normal(&seed); }
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+        if (k == 13000) { excited = pipeline.n_excited; }
+    }
+    const ipe_body_t *a = &before.body, *b = &pipeline.estimate.body;  // then
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, a->mass, b->mass);
+    for (int i = 0; i < 6; ++i) { TEST_ASSERT_DOUBLE_WITHIN(0.5, a->inertia_cog[i], b->inertia_cog[i]); }
+    TEST_ASSERT_GREATER_THAN_UINT64(0, excited);
+    TEST_ASSERT_UINT64_WITHIN(30, excited, pipeline.n_excited);  // 3000 windows of rest, hardly one forgotten
+}
+
+static void test_step_same_input_gives_the_same_bytes(void)
+{
+    init(&other);                                                              // given
+    (void)run(&pipeline, 0, 5000);                                             // when
+    (void)run(&other, 0, 5000);
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.rls, &other.rls, sizeof pipeline.rls);  // then
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimate, &other.estimate, sizeof pipeline.estimate);
+}
+
+static void test_step_order_of_sensors_on_the_bus_changes_nothing(void)
+{
+    init(&other);                     // given: forces before and after the IMU
+    (void)run(&pipeline, 0, 3000);
+    for (int k = 0; k < 3000; ++k) {  // when
+        const ipe_frame_t frames[] = {force(k), imu_a(k), imu_b(k)};
+        if (k % 4 == 0) { (void)ipe_pipeline_push_position(&other, START + k * MS, sample[k].position); }
+        for (int i = 0; i < 3; ++i) { (void)ipe_pipeline_push_frame(&other, &frames[i]); }
+        (void)drain(&other);
+    }
+    ipe_pipeline_flush(&other);
+    (void)drain(&other);
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimate, &other.estimate, sizeof other.estimate);  // then
+}
+
+static void test_init_bad_configuration_is_refused_with_reason(void)
+{
+    config.n_cables = 17;                                                                                   // given
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG, ipe_pipeline_init(&pipeline, &config, message, sizeof message));  // when
+    TEST_ASSERT_EQUAL_STRING("n_cables = 17: allowed 1 .. 16 ", message);                                   // then
+}
+
+/// A frame as it may come from a broken device or bus; hits[] counts which cause it should be counted under.
+enum { UNKNOWN, SHORT, REMOTE, ERROR, FAULTS };
+
+static ipe_frame_t faulty_frame(int fault, int k)
+{
+    ipe_frame_t f = force(k);
+    f.can_id = fault == UNKNOWN  ? 0x7FF
+               : fault == REMOTE ? ID_FORCE | IPE_CAN_RTR
+               : fault == ERROR  ? IPE_CAN_ERR | 4U
+                                 : ID_FORCE;
+    if (fault == SHORT) { f.length = 48; }
+    return f;
+}
+
+static void test_push_faulty_frames_are_counted_and_change_nothing(void)
+{
+    uint64_t n[FAULTS] = {0};  // given
+    init(&other);
+    (void)run(&other, 0, 3000);
+    for (int k = 0; k < 3000; ++k) {  // when
+        for (int i = 0; i < 3; ++i) {
+            const int fault = (int)(FAULTS * uniform(&seed));
+            const ipe_frame_t bad = faulty_frame(fault, k);
+            TEST_ASSERT_NOT_EQUAL(IPE_OK, ipe_pipeline_push_frame(&pipeline, &bad));
+            ++n[fault];
+        }
+        push_sample(&pipeline, k);
+        (void)drain(&pipeline);
+    }
+    ipe_pipeline_flush(&pipeline);
+    (void)drain(&pipeline);
+    TEST_ASSERT_EQUAL_MEMORY(&other.estimate, &pipeline.estimate, sizeof other.estimate);  // then
+    TEST_ASSERT_EQUAL_UINT64(n[UNKNOWN], counter("decode.unknown_id"));
+    TEST_ASSERT_EQUAL_UINT64(n[SHORT], counter("decode.bad_length"));
+    TEST_ASSERT_EQUAL_UINT64(n[REMOTE], counter("decode.remote"));
+    TEST_ASSERT_EQUAL_UINT64(n[ERROR], counter("decode.error_frame"));
+    TEST_ASSERT_EQUAL_UINT64(9000, counter("decode.decoded"));
+    TEST_ASSERT_EQUAL_UINT64(18000, counter("decode.frames"));
+}
+
+/// What goes into each stage comes out of it, is refused by a counted cause or still waits.
+static void assert_counters_add_up(void)
+{
+    const ipe_align_t* a = &pipeline.align;
+    const ipe_ring_t* imu = &a->ring[IPE_IMU];
+    TEST_ASSERT_EQUAL_UINT64(counter("decode.frames"), counter("decode.decoded") + counter("decode.unknown_id") +
+                                                           counter("decode.remote") + counter("decode.error_frame") +
+                                                           counter("decode.bad_length"));
+    TEST_ASSERT_EQUAL_UINT64(counter("group.imu.complete"),
+                             counter("align.imu.samples") + counter("align.imu.backwards") +
+                                 counter("align.imu.not_finite") + counter("align.imu.bad_quaternion"));
+    TEST_ASSERT_EQUAL_UINT64(counter("group.force.complete"), counter("align.force.samples") +
+                                                                  counter("align.force.backwards") +
+                                                                  counter("align.force.not_finite"));
+    TEST_ASSERT_EQUAL_UINT64(counter("align.imu.samples"),
+                             counter("align.rows") + counter("align.overrun") + counter("align.force.missing") +
+                                 counter("align.force.late") + counter("align.position.missing") +
+                                 counter("align.position.late") + imu->head - imu->cursor);
+    TEST_ASSERT_EQUAL_UINT64(counter("align.rows"), counter("wrench.rows") + counter("wrench.bad_geometry"));
+    TEST_ASSERT_EQUAL_UINT64(counter("wrench.rows"), counter("window.rows") + counter("window.backwards"));
+    TEST_ASSERT_TRUE(ipe_pipeline_invariants_hold(&pipeline));
+}
+
+static void test_step_lossy_bus_counters_add_up_and_estimate_stays_good(void)
+{
+    for (int k = 0; k < N_SAMPLES; ++k) {  // given: 1 % of frames lost, 1 % doubled, 1 % NaN
+        const ipe_frame_t frames[] = {imu_a(k), imu_b(k), force(k)};
+        for (int i = 0; i < 3; ++i) {
+            const double fate = uniform(&seed);
+            ipe_frame_t f = frames[i];
+            if (fate < 0.01) { continue; }
+            if (fate > 0.99) { memcpy(f.data, &(const double){NAN}, sizeof(double)); }
+            (void)ipe_pipeline_push_frame(&pipeline, &f);
+            if (fate > 0.98) { (void)ipe_pipeline_push_frame(&pipeline, &f); }
+        }
+        if (k % 4 == 0) { (void)ipe_pipeline_push_position(&pipeline, START + k * MS, sample[k].position); }
+        (void)drain(&pipeline);                           // when
+        if (k % 1000 == 0) { assert_counters_add_up(); }  // then
+    }
+    TEST_ASSERT_GREATER_THAN_UINT64(100, counter("group.imu.incomplete"));
+    TEST_ASSERT_GREATER_THAN_UINT64(100, counter("decode.signal_not_finite"));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3 * 161.058, 161.058, pipeline.estimate.body.mass);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 94.955, pipeline.estimate.body.inertia_cog[0]);
+}
+
+static void test_step_random_bits_never_publish_nonfinite(void)
+{
+    for (int k = 0; k < 6000; ++k) {  // given: one frame in 20 holds random bits
+        ipe_frame_t frames[] = {imu_a(k), imu_b(k), force(k)};
+        for (int i = 0; i < 3; ++i) {
+            if (uniform(&seed) < 0.05) {
+                for (int b = 0; b < frames[i].length; ++b) { frames[i].data[b] = (uint8_t)(256.0 * uniform(&seed)); }
+            }
+            (void)ipe_pipeline_push_frame(&pipeline, &frames[i]);
+        }
+        const double p[3] = {sample[k].position[0], uniform(&seed) < 0.05 ? NAN : sample[k].position[1],
+                             sample[k].position[2]};
+        (void)ipe_pipeline_push_position(&pipeline, START + k * MS, p);
+        (void)drain(&pipeline);  // when, then: see drain()
+    }
+    assert_counters_add_up();
+    TEST_ASSERT_GREATER_THAN_UINT64(100, counter("align.position.not_finite"));
+}
+
+static void test_step_vanishing_mass_is_not_published(void)
+{
+    config.prior_theta[0] = 1e-300;  // given: a mass so small that h/m overflows
+    config.prior_theta[1] = 10.0;
+    config.prior_covariance[0][0] = 1e-290;
+    memset(config.imu_position, 0, sizeof config.imu_position);
+    init(&pipeline);
+    TEST_ASSERT_EQUAL_INT(0, run(&pipeline, 0, 1000));  // when, then
+    TEST_ASSERT_GREATER_THAN_UINT64(0, counter("estimate.refused"));
+}
+
+static void test_push_time_backwards_is_counted_and_changes_nothing(void)
+{
+    init(&other);                     // given: a log with a second of it pasted again
+    (void)run(&other, 0, 3000);
+    for (int k = 0; k < 3000; ++k) {  // when
+        push_sample(&pipeline, k);
+        (void)drain(&pipeline);
+        if (k != 1999) { continue; }
+        for (int again = 1500; again < 2000; ++again) {
+            const ipe_frame_t f = force(again);
+            TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, ipe_pipeline_push_frame(&pipeline, &f));
+            if (again > 1996) { continue; }  // after the last position
+            TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME,
+                                  ipe_pipeline_push_position(&pipeline, START + again * MS, sample[again].position));
+        }
+        (void)drain(&pipeline);
+    }
+    ipe_pipeline_flush(&pipeline);
+    (void)drain(&pipeline);
+    TEST_ASSERT_EQUAL_MEMORY(&other.estimate, &pipeline.estimate, sizeof other.estimate);  // then
+    TEST_ASSERT_EQUAL_UINT64(500, counter("align.force.backwards"));
+    TEST_ASSERT_EQUAL_UINT64(497, counter("align.position.backwards"));
+}
+
+static void test_step_without_forces_gives_rows_up_and_says_so(void)
+{
+    for (int k = 0; k < 1000; ++k) {  // given
+        const ipe_frame_t a = imu_a(k), b = imu_b(k);
+        (void)ipe_pipeline_push_frame(&pipeline, &a);
+        (void)ipe_pipeline_push_frame(&pipeline, &b);
+        (void)ipe_pipeline_push_position(&pipeline, START + k * MS, sample[k].position);
+        TEST_ASSERT_EQUAL_INT(0, drain(&pipeline));  // when, then
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, counter("align.rows"));
+    TEST_ASSERT_EQUAL_UINT64(949, counter("align.force.late"));
+    assert_counters_add_up();
+}
+
+static void test_flush_lets_the_last_rows_out(void)
+{
+    for (int k = 0; k <= 1001; ++k) {
+        push_sample(&pipeline, k);
+        (void)drain(&pipeline);
+    }                                                                 // given
+    const uint64_t before = counter("window.rows");
+    ipe_pipeline_flush(&pipeline);                                    // when
+    (void)drain(&pipeline);
+    TEST_ASSERT_GREATER_THAN_UINT64(before, counter("window.rows"));  // then: up to the last position, at 1000 ms
+    TEST_ASSERT_EQUAL_UINT64(1001, counter("window.rows"));
+    TEST_ASSERT_EQUAL_UINT64(1, counter("align.position.late"));
+}
+
+static void test_counter_names_are_unique_and_end_with_null(void)
+{
+    uint64_t value = 7;                                                  // given
+    unsigned n = 0;
+    while (ipe_pipeline_counter(&pipeline, n, &value) != NULL) { ++n; }  // when
+    TEST_ASSERT_GREATER_THAN_UINT(30, n);                                // then
+    TEST_ASSERT_NULL(ipe_pipeline_counter(&pipeline, n + 1000, &value));
+    for (unsigned i = 0; i < n; ++i) {
+        const char* name = ipe_pipeline_counter(&pipeline, i, &value);
+        TEST_ASSERT_NOT_NULL(strchr(name, '.'));
+        for (unsigned j = 0; j < i; ++j) {
+            TEST_ASSERT_NOT_EQUAL(0, strcmp(name, ipe_pipeline_counter(&pipeline, j, &value)));
+        }
+    }
+}
+
+static void test_invariants_broken_filter_is_noticed(void)
+{
+    (void)run(&pipeline, 0, 1000);                               // given
+    TEST_ASSERT_TRUE(ipe_pipeline_invariants_hold(&pipeline));
+    pipeline.rls.D[2] = -1.0;                                    // when
+    TEST_ASSERT_FALSE(ipe_pipeline_invariants_hold(&pipeline));  // then
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_step_ideal_sensors_find_the_body);
+    RUN_TEST(test_step_slow_forces_and_position_still_find_the_body);
+    RUN_TEST(test_step_payload_picked_up_is_noticed_and_followed);
+    RUN_TEST(test_step_rest_does_not_wear_the_estimate);
+    RUN_TEST(test_step_same_input_gives_the_same_bytes);
+    RUN_TEST(test_step_order_of_sensors_on_the_bus_changes_nothing);
+    RUN_TEST(test_init_bad_configuration_is_refused_with_reason);
+    RUN_TEST(test_push_faulty_frames_are_counted_and_change_nothing);
+    RUN_TEST(test_step_lossy_bus_counters_add_up_and_estimate_stays_good);
+    RUN_TEST(test_step_random_bits_never_publish_nonfinite);
+    RUN_TEST(test_step_vanishing_mass_is_not_published);
+    RUN_TEST(test_push_time_backwards_is_counted_and_changes_nothing);
+    RUN_TEST(test_step_without_forces_gives_rows_up_and_says_so);
+    RUN_TEST(test_flush_lets_the_last_rows_out);
+    RUN_TEST(test_counter_names_are_unique_and_end_with_null);
+    RUN_TEST(test_invariants_broken_filter_is_noticed);
+    return UNITY_END();
+}

@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Over memq://, LCM's transport inside one process.
+#include "publish.h"
+
+#include "robot.h"
+#include "temp_file.h"
+
+#include "inertiad_lcm_estimate_t.h"
+#include "inertiad_lcm_event_t.h"
+#include "inertiad_lcm_health_t.h"
+#include "inertiad_lcm_raw_t.h"
+#include "inertiad_lcm_signals_t.h"
+#include "inertiad_lcm_tracker_t.h"
+
+#include <math.h>
+
+enum { MS = 1000000 };
+
+static ipe_publish_t publisher;
+static ipe_estimate_t estimate;
+static char message[512];
+static int n_received[IPE_PUBLISH_COUNT];
+static int64_t last_sequence, last_dropped, last_t_ns;
+static int last_length;
+static char last_text[64];
+static double last_position[3];
+
+static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* user)
+{
+    (void)user;
+    inertiad_lcm_raw_t raw;
+    inertiad_lcm_signals_t signals;
+    inertiad_lcm_estimate_t e;
+    inertiad_lcm_health_t health;
+    inertiad_lcm_event_t event;
+    const int n = (int)buffer->data_size;
+    if (strcmp(channel, "TEST_RAW") == 0) {
+        TEST_ASSERT_EQUAL(n, inertiad_lcm_raw_t_decode(buffer->data, 0, n, &raw));
+        n_received[IPE_PUBLISH_RAW]++;
+        last_sequence = raw.sequence, last_dropped = raw.n_dropped, last_length = raw.n_frames, last_t_ns = raw.t_ns;
+        inertiad_lcm_raw_t_decode_cleanup(&raw);
+    } else if (strcmp(channel, "TEST_SIGNALS") == 0) {
+        TEST_ASSERT_EQUAL(n, inertiad_lcm_signals_t_decode(buffer->data, 0, n, &signals));
+        n_received[IPE_PUBLISH_SIGNALS]++;
+        last_sequence = signals.sequence, last_dropped = signals.n_dropped, last_length = signals.n_rows;
+        TEST_ASSERT_EQUAL(8, signals.row[0].n_cables);
+        inertiad_lcm_signals_t_decode_cleanup(&signals);
+    } else if (strcmp(channel, "TEST_ESTIMATE") == 0) {
+        TEST_ASSERT_EQUAL(n, inertiad_lcm_estimate_t_decode(buffer->data, 0, n, &e));
+        n_received[IPE_PUBLISH_ESTIMATE]++;
+        last_sequence = e.sequence, last_dropped = e.n_dropped;
+        inertiad_lcm_estimate_t_decode_cleanup(&e);
+    } else if (strcmp(channel, "TEST_HEALTH") == 0) {
+        TEST_ASSERT_EQUAL(n, inertiad_lcm_health_t_decode(buffer->data, 0, n, &health));
+        n_received[IPE_PUBLISH_HEALTH]++;
+        last_length = health.n_counters;
+        (void)snprintf(last_text, sizeof last_text, "%s", health.counter[0].name);
+        inertiad_lcm_health_t_decode_cleanup(&health);
+    } else if (strcmp(channel, "TEST_EVENT") == 0) {
+        TEST_ASSERT_EQUAL(n, inertiad_lcm_event_t_decode(buffer->data, 0, n, &event));
+        n_received[IPE_PUBLISH_EVENT]++;
+        (void)snprintf(last_text, sizeof last_text, "%s: %s", event.source, event.text);
+        inertiad_lcm_event_t_decode_cleanup(&event);
+    }
+}
+
+static void handle_all(void)
+{
+    while (lcm_handle_timeout(publisher.lcm, 0) > 0) {}
+}
+
+void setUp(void)
+{
+    const ipe_config_t config = cogiro();
+    memset(n_received, 0, sizeof n_received);
+    memset(&estimate, 0, sizeof estimate);
+    estimate.n_windows = 1;
+    TEST_ASSERT_EQUAL(0, ipe_publish_open(&publisher, "memq://", "TEST_", &config, message, sizeof message));
+    TEST_ASSERT_NOT_NULL(lcm_subscribe(publisher.lcm, "TEST_.*", receive, NULL));
+}
+
+void tearDown(void)
+{
+    ipe_publish_close(&publisher);
+}
+
+static void push_frames(int n, int64_t t_ns, int64_t step_ns)
+{
+    for (int i = 0; i < n; ++i) {
+        const ipe_frame_t frame = {.t_ns = t_ns + i * step_ns, .can_id = 0x80000123U, .bus = 1, .length = 64};
+        ipe_publish_frame(&publisher, &frame);
+    }
+}
+
+static void test_publish_raw_block_is_sent_after_16_ms(void)
+{
+    push_frames(17, 0, MS);
+    handle_all();
+    TEST_ASSERT_EQUAL(1, n_received[IPE_PUBLISH_RAW]);
+    TEST_ASSERT_EQUAL(16, last_length);
+    TEST_ASSERT_EQUAL_INT64(15 * MS, last_t_ns);
+    ipe_publish_flush(&publisher);
+    handle_all();
+    TEST_ASSERT_EQUAL(1, last_length);
+    TEST_ASSERT_EQUAL_INT64(1, last_sequence);
+}
+
+static void test_publish_raw_block_of_the_longest_frames_is_sent_when_full(void)
+{
+    push_frames(IPE_PUBLISH_FRAMES, 0, 1);
+    handle_all();
+    TEST_ASSERT_EQUAL(1, n_received[IPE_PUBLISH_RAW]);
+    TEST_ASSERT_EQUAL(IPE_PUBLISH_FRAMES, last_length);
+    TEST_ASSERT_EQUAL_INT64(0, last_dropped);
+}
+
+static void test_publish_time_that_goes_back_begins_a_new_block(void)
+{
+    push_frames(2, 5 * MS, MS);
+    push_frames(1, 1 * MS, MS);
+    handle_all();
+    TEST_ASSERT_EQUAL(1, n_received[IPE_PUBLISH_RAW]);
+    TEST_ASSERT_EQUAL(2, last_length);
+}
+
+static void test_publish_rows_tell_what_was_lost_before(void)
+{
+    ipe_row_t row = {.t_ns = 0};
+    publisher.n_input_dropped = 9;
+    for (int i = 0; i < 2 * IPE_PUBLISH_ROWS; ++i) {
+        row.t_ns = i;
+        ipe_publish_row(&publisher, &row);
+    }
+    handle_all();
+    TEST_ASSERT_EQUAL(2, n_received[IPE_PUBLISH_SIGNALS]);
+    TEST_ASSERT_EQUAL(IPE_PUBLISH_ROWS, last_length);
+    TEST_ASSERT_EQUAL_INT64(9, last_dropped);
+}
+
+static void test_publish_estimate_keeps_its_rate_in_data_time(void)
+{
+    for (int64_t t = 0; t < 1000; ++t) { ipe_publish_estimate(&publisher, t * MS, &estimate); }
+    handle_all();
+    TEST_ASSERT_EQUAL(50, n_received[IPE_PUBLISH_ESTIMATE]);
+    TEST_ASSERT_EQUAL_INT64(49, last_sequence);
+    ipe_publish_estimate(&publisher, 1, &estimate);           // when: time steps back
+    handle_all();
+    TEST_ASSERT_EQUAL(51, n_received[IPE_PUBLISH_ESTIMATE]);  // then: it goes on from there
+}
+
+static void test_publish_estimate_before_the_first_window_is_not_sent(void)
+{
+    estimate.n_windows = 0;
+    ipe_publish_last(&publisher, &estimate);
+    handle_all();
+    TEST_ASSERT_EQUAL(0, n_received[IPE_PUBLISH_ESTIMATE]);
+}
+
+static void test_publish_estimate_that_is_not_finite_is_held_back(void)
+{
+    double* const field[] = {&estimate.body.mass, &estimate.body.cog_std[2], &estimate.theta[9],
+                             &estimate.covariance[9][9]};
+    for (int i = 0; i < 4; ++i) {
+        *field[i] = i % 2 == 0 ? NAN : INFINITY;
+        ipe_publish_last(&publisher, &estimate);
+        *field[i] = 0.0;
+    }
+    handle_all();
+    TEST_ASSERT_EQUAL(0, n_received[IPE_PUBLISH_ESTIMATE]);
+    TEST_ASSERT_EQUAL_UINT64(4, publisher.n_not_finite);
+}
+
+static void test_publish_health_and_event_arrive_whole(void)
+{
+    static ipe_counters_t counters;
+    const double age[IPE_SENSOR_COUNT] = {0.0, 1.0, -1.0};
+    for (int i = 0; i < IPE_COUNTERS_MAX; ++i) {
+        ipe_counters_add(&counters, "stage_with_a_long_name", "cause_that_is_long", 7);
+    }
+    ipe_publish_health(&publisher, 1, &counters, age);
+    handle_all();
+    TEST_ASSERT_EQUAL(IPE_COUNTERS_MAX, last_length);
+    TEST_ASSERT_EQUAL_STRING("stage_with_a_long_name.cause_that_is_long", last_text);
+    ipe_publish_event(&publisher, 1, "can0", "interface is down");
+    handle_all();
+    TEST_ASSERT_EQUAL_STRING("can0: interface is down", last_text);
+}
+
+static void take_position(int64_t t_ns, const double position[3])
+{
+    last_t_ns = t_ns;
+    memcpy(last_position, position, sizeof last_position);
+}
+
+static void send_tracker(bool is_valid, int n_cut)
+{
+    uint8_t bytes[256];
+    const inertiad_lcm_tracker_t tracker = {.t_ns = 77, .valid = is_valid, .position = {1, 2, 3}};
+    const int n = inertiad_lcm_tracker_t_encode(bytes, 0, sizeof bytes, &tracker);
+    TEST_ASSERT_EQUAL(0, lcm_publish(publisher.lcm, "TEST_TRACKER", bytes, (unsigned)(n - n_cut)));
+    handle_all();
+}
+
+static void test_publish_tracker_positions_are_handed_on_if_valid(void)
+{
+    TEST_ASSERT_EQUAL(0, ipe_publish_subscribe(&publisher, take_position));
+    send_tracker(true, 0);
+    TEST_ASSERT_EQUAL_INT64(77, last_t_ns);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, last_position[2]);
+    send_tracker(false, 0);
+    send_tracker(true, 5);
+    TEST_ASSERT_EQUAL_UINT64(1, publisher.n_positions);
+    TEST_ASSERT_EQUAL_UINT64(1, publisher.n_positions_invalid);
+    TEST_ASSERT_EQUAL_UINT64(1, publisher.n_positions_bad);
+}
+
+static void test_publish_without_lcm_does_nothing(void)
+{
+    const ipe_config_t config = cogiro();
+    ipe_publish_close(&publisher);
+    TEST_ASSERT_EQUAL(0, ipe_publish_open(&publisher, "none", "TEST_", &config, message, sizeof message));
+    push_frames(1000, 0, MS);
+    ipe_publish_last(&publisher, &estimate);
+    TEST_ASSERT_EQUAL(-1, ipe_publish_fileno(&publisher));
+    TEST_ASSERT_EQUAL(-1, ipe_publish_subscribe(&publisher, take_position));
+    TEST_ASSERT_EQUAL_UINT64(0, publisher.n_messages);
+}
+
+static void test_publish_bad_prefix_is_refused(void)
+{
+    const ipe_config_t config = cogiro();
+    static ipe_publish_t other;
+    TEST_ASSERT_EQUAL(-1, ipe_publish_open(&other, "none", "A*", &config, message, sizeof message));
+    TEST_ASSERT_EQUAL(-1, ipe_publish_open(&other, "none", "", &config, message, sizeof message));
+    TEST_ASSERT_NOT_NULL(strstr(message, "prefix"));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_publish_raw_block_is_sent_after_16_ms);
+    RUN_TEST(test_publish_raw_block_of_the_longest_frames_is_sent_when_full);
+    RUN_TEST(test_publish_time_that_goes_back_begins_a_new_block);
+    RUN_TEST(test_publish_rows_tell_what_was_lost_before);
+    RUN_TEST(test_publish_estimate_keeps_its_rate_in_data_time);
+    RUN_TEST(test_publish_estimate_before_the_first_window_is_not_sent);
+    RUN_TEST(test_publish_estimate_that_is_not_finite_is_held_back);
+    RUN_TEST(test_publish_health_and_event_arrive_whole);
+    RUN_TEST(test_publish_tracker_positions_are_handed_on_if_valid);
+    RUN_TEST(test_publish_without_lcm_does_nothing);
+    RUN_TEST(test_publish_bad_prefix_is_refused);
+    return UNITY_END();
+}

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "systematic.h"
+
+#include "robot.h"
+
+static ipe_config_t config;
+static double theta[IPE_NP];
+
+/// A row in motion, with what its neighbours tell: angular acceleration (P axes), velocity of the tracked point, force slopes.
+static ipe_row_t row;
+static double alpha[3], tracked_velocity[3], f_slope[8];
+
+void setUp(void)
+{
+    const double mounted[3] = {0.2, -0.1, 0.4}, attitude[3] = {0.2, -0.25, 0.6};
+    uint64_t seed = 3;
+    config = cogiro();
+    quat_from_rpy(mounted, config.imu_orientation);
+    config.tracker_target[0] = 0.2, config.tracker_target[1] = -0.3, config.tracker_target[2] = 0.5;
+    config.acc_bias[1] = 0.1, config.gyro_bias[2] = 0.01, config.world_yaw = 0.05;
+    for (int i = 0; i < 8; ++i) { config.force_offset[i] = i, config.force_gain[i] = 0.002 * i; }
+    memset(&row, 0, sizeof row);
+    quat_from_rpy(attitude, row.q);
+    fill_normal(&seed, row.acc, 3), fill_normal(&seed, row.gyro, 3), fill_normal(&seed, row.position, 3);
+    fill_normal(&seed, alpha, 3), fill_normal(&seed, tracked_velocity, 3), fill_normal(&seed, f_slope, 8);
+    row.acc[2] += 9.81, row.position[2] += 2.0;
+    for (int i = 0; i < 8; ++i) { row.f[i] = 500.0 + 40.0 * i; }
+    nominal_theta(theta);
+}
+
+void tearDown(void)
+{
+}
+
+/// The window that a long stretch of this row would average to, under k.
+static ipe_average_t average_of(const ipe_config_t* k)
+{
+    ipe_wrench_stage_t stage;
+    ipe_motion_t motion;
+    ipe_wrench_t wrench;
+    ipe_average_t a;
+    memset(&a, 0, sizeof a);
+    ipe_wrench_init(&stage, k);
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_wrench_from_row(&stage, &row, &motion, &wrench));
+    memcpy(a.s, motion.s, sizeof a.s);
+    memcpy(a.w, motion.w, sizeof a.w);
+    ipe_rate_products(a.w, a.ww);
+    memcpy(a.alpha, alpha, sizeof alpha);
+    memcpy(a.y, wrench.y, sizeof a.y);
+    memcpy(a.f, wrench.f, sizeof a.f);
+    memcpy(a.p, motion.p, sizeof a.p);
+    memcpy(a.R, motion.R, sizeof a.R);
+    for (int i = 0; i < 8; ++i) { a.f_slope[i] = f_slope[i] / (1.0 + k->force_gain[i]); }
+    double arm[3], turned[3];  // velocity of P = tracked point's - R (w x target)
+    vec3_cross(a.w, k->tracker_target, arm);
+    mat3_mul_vec((const double (*)[3])motion.R, arm, turned);
+    vec3_axpy(tracked_velocity, -1.0, turned, a.velocity);
+    return a;
+}
+
+static void residual(const ipe_average_t* a, double e[IPE_NY])
+{
+    double Y[IPE_NY][IPE_NP];
+    ipe_regressor(a->s, a->ww, a->alpha, Y);
+    for (int j = 0; j < IPE_NY; ++j) {
+        e[j] = a->y[j];
+        for (int i = 0; i < IPE_NP; ++i) { e[j] -= Y[j][i] * theta[i]; }
+    }
+}
+
+/// Residual with the calibration corrected by xi in one parameter.
+static void corrected_residual(int at, double xi, double e[IPE_NY])
+{
+    const int m = config.n_cables, offset = IPE_XI_FORCE, gain = offset + m, gyro = gain + m, delay = gyro + 3;
+    ipe_config_t k = config;
+    const ipe_row_t measured = row;
+    if (at < IPE_XI_YAW) {
+        k.attitude_bias[at] += xi;
+    } else if (at == IPE_XI_YAW) {
+        k.world_yaw += xi;
+    } else if (at < IPE_XI_ALIGNMENT) {
+        k.acc_bias[at - IPE_XI_ACC_BIAS] += xi;
+    } else if (at == IPE_XI_POSITION_DELAY) {  // the position of this instant is stamped later
+        vec3_axpy(measured.position, xi, tracked_velocity, row.position);
+    } else if (at >= offset && at < gain) {
+        k.force_offset[at - offset] += xi;
+    } else if (at >= gain && at < gyro) {
+        k.force_gain[at - gain] += xi;
+    } else if (at >= gyro && at < delay) {
+        k.gyro_bias[at - gyro] += xi;
+    } else if (at == delay) {
+        for (int i = 0; i < m; ++i) { row.f[i] += xi * f_slope[i]; }
+    }
+    ipe_average_t a = average_of(&k);
+    row = measured;
+    if (at >= IPE_XI_ALIGNMENT && at < IPE_XI_POSITION_DELAY) {
+        double axis[3] = {0.0, 0.0, 0.0}, turn[3];
+        axis[at - IPE_XI_ALIGNMENT] = xi;
+        const double* vectors[3] = {a.s, a.w, a.alpha};
+        for (int v = 0; v < 3; ++v) {
+            vec3_cross(axis, vectors[v], turn);
+            for (int i = 0; i < 3; ++i) { (v == 0 ? a.s : v == 1 ? a.w : a.alpha)[i] += turn[i]; }
+        }
+        ipe_rate_products(a.w, a.ww);
+    }
+    residual(&a, e);
+}
+
+static void test_columns_equal_residuals_of_a_corrected_calibration(void)
+{
+    const int n = ipe_systematic_count(config.n_cables);  // given
+    const ipe_average_t a = average_of(&config);
+    double X[IPE_NY][IPE_XI_MAX], plus[IPE_NY], minus[IPE_NY];
+
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_systematic_columns(&config, &a, theta, X));  // when
+
+    TEST_ASSERT_EQUAL_INT(31, n);
+    for (int at = 0; at < n; ++at) {  // then
+        const double h = 1e-4;
+        corrected_residual(at, h, plus);
+        corrected_residual(at, -h, minus);
+        for (int j = 0; j < IPE_NY; ++j) {
+            const double slope = (plus[j] - minus[j]) / (2.0 * h);
+            char message[48];
+            (void)snprintf(message, sizeof message, "parameter %d, row %d", at, j);
+            TEST_ASSERT_DOUBLE_WITHIN_MESSAGE(1e-4 * (1.0 + fabs(slope)), slope, X[j][at], message);
+        }
+    }
+}
+
+static void test_std_are_the_configured_ones_in_order(void)
+{
+    double std[IPE_XI_MAX];  // given
+    config.n_cables = 2;
+    config.std_attitude = 1.0, config.std_world_yaw = 2.0, config.std_acc_bias = 3.0, config.std_imu_alignment = 4.0;
+    config.std_position_delay = 5.0, config.std_force_offset = 6.0, config.std_force_gain = 7.0;
+    config.std_gyro_bias = 8.0, config.std_force_delay = 9.0;
+    ipe_systematic_std(&config, std);                                                     // when
+    const double expected[] = {1, 1, 1, 2, 3, 3, 3, 4, 4, 4, 5, 6, 6, 7, 7, 8, 8, 8, 9};  // then
+    TEST_ASSERT_EQUAL_INT(19, ipe_systematic_count(2));
+    TEST_ASSERT_EQUAL_INT(15, ipe_systematic_filter_count(2));
+    for (int i = 0; i < 19; ++i) { TEST_ASSERT_EQUAL_DOUBLE(expected[i], std[i]); }
+}
+
+static void test_columns_impossible_pose_is_refused(void)
+{
+    ipe_average_t a = average_of(&config);  // given: P's attachment on its own anchor
+    double X[IPE_NY][IPE_XI_MAX], B[3];
+    mat3_mul_vec((const double (*)[3])a.R, config.cable[3].attachment, B);
+    vec3_axpy(config.cable[3].anchor, -1.0, B, a.p);
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_GEOMETRY, ipe_systematic_columns(&config, &a, theta, X));  // when, then
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_columns_equal_residuals_of_a_corrected_calibration);
+    RUN_TEST(test_std_are_the_configured_ones_in_order);
+    RUN_TEST(test_columns_impossible_pose_is_refused);
+    return UNITY_END();
+}

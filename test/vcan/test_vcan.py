@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The daemon on real SocketCAN: vcan0, fed by can-utils and python-can.
+
+tools/vcan provides the buses, prepare.py the runs in build/vcan.
+"""
+
+import csv
+import json
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import lcm
+import pytest
+
+from inertiad_lcm import health_t, tracker_t
+
+TOP = Path(__file__).resolve().parents[2]
+BIN = TOP / "build/bin"
+CLASSICAL, FD = (TOP / "build/vcan" / name for name in ("robot", "robot_fd"))
+URL = "udpm://239.255.76.67:7667?ttl=0"
+PATIENCE = 60.0  # s; an emulated guest is slow
+
+
+def run(*command: object) -> str:
+    return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True, timeout=180).stdout
+
+
+class Daemon:
+    """A running inertiad and the counters of its latest HEALTH message."""
+
+    def __init__(self, *options: object, robot: Path = CLASSICAL, bus: str = "socketcan:vcan0"):
+        self.counters: dict[str, int] = {}
+        self.lcm = lcm.LCM(URL)
+        self.lcm.subscribe("INERTIAD_HEALTH", self._on_health)
+        command = [BIN / "inertiad", "--config", robot / "robot.cfg", "--bus", bus, "--lcm", URL, *options]
+        self.process = subprocess.Popen([str(c) for c in command], stderr=subprocess.PIPE, text=True)
+
+    def _on_health(self, _channel: str, data: bytes) -> None:
+        self.counters = {c.name: c.value for c in health_t.decode(data).counter}
+
+    def wait(self, condition: Callable[[dict[str, int]], bool]) -> None:
+        """Until the counters fulfil a condition."""
+        end = time.monotonic() + PATIENCE
+        while not (self.counters and condition(self.counters)):
+            assert time.monotonic() < end, f"waited in vain, latest counters: {self.counters}"
+            assert self.process.poll() is None, "the daemon ended by itself"
+            self.lcm.handle_timeout(100)
+
+    def stop(self) -> dict[str, int]:
+        """SIGTERM; the counters of the final summary."""
+        self.process.send_signal(signal.SIGTERM)
+        _, text = self.process.communicate(timeout=PATIENCE)
+        assert self.process.returncode == 0, text
+        rows = [line.removeprefix("inertiad: ").split() for line in text.splitlines()]
+        return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
+
+
+@contextmanager
+def daemon(*options: object, **where: Any) -> Iterator[Daemon]:
+    d = Daemon(*options, **where)
+    try:
+        d.wait(lambda _: True)  # it has said that it is there
+        yield d
+    finally:
+        d.process.kill()
+        d.process.communicate()
+
+
+def log_time(path: Path) -> float:
+    """Stamp of a candump log's first frame, s."""
+    with path.open() as file:
+        return float(file.readline().split()[0].strip("()"))
+
+
+def socketcan(channel: str = "vcan0", **options: object) -> can.BusABC:
+    return can.Bus(channel=channel, interface="socketcan", **options)
+
+
+def test_frames_of_cangen_arrive_at_candump():
+    dump = subprocess.Popen(["candump", "-L", "-n", "100", "-T", "20000", "vcan1"], stdout=subprocess.PIPE, text=True)
+    time.sleep(2.0)
+    run("cangen", "vcan1", "-g", "1", "-n", "100", "-m")
+    text, _ = dump.communicate(timeout=PATIENCE)
+    assert len(text.splitlines()) == 100
+    assert "##" in text, "no CAN FD frame among them"
+
+
+def send_tracker(path: Path, is_over: threading.Event) -> None:
+    """Publish positions (host time) when they are due."""
+    link = lcm.LCM(URL)
+    message = tracker_t()
+    message.valid = True
+    with path.open() as file:
+        for row in csv.DictReader(file):
+            t = float(row["t"])
+            if is_over.wait(max(0.0, t - time.time())):
+                return
+            message.t_ns = round(1e9 * t)
+            message.position = [float(row[axis]) for axis in "xyz"]
+            link.publish("INERTIAD_TRACKER", message.encode())
+            message.sequence += 1
+
+
+def shift_tracker(source: Path, offset: float, target: Path) -> None:
+    """Copy positions with offset [s] added to their time."""
+    with source.open() as read, target.open("w") as write:
+        print(next(read).strip(), file=write)
+        for line in read:
+            t, rest = line.strip().split(",", 1)
+            print(f"{float(t) + offset:.6f},{rest}", file=write)
+
+
+def test_run_replayed_by_canplayer_is_estimated_as_candump_recorded_it(tmp_path: Path):
+    log, positions = CLASSICAL / "run/can.log", tmp_path / "tracker.csv"
+    n = len(log.read_text().splitlines())
+    is_over = threading.Event()
+
+    # given: the daemon and, beside it, candump
+    with daemon("--estimate", tmp_path / "live.json") as d, (tmp_path / "can.log").open("w+") as recorded:
+        dump = subprocess.Popen(["candump", "-L", "-r", "8000000", "-n", str(n), "vcan0"], stdout=recorded)
+        listener = socketcan()
+        # when: a run's frames come over vcan0 and its positions over LCM, at their time
+        player = subprocess.Popen(["canplayer", "-I", str(log), "vcan0=can0"])
+        first = listener.recv(PATIENCE)
+        listener.shutdown()
+        shift_tracker(CLASSICAL / "run/tracker.csv", first.timestamp - log_time(log), positions)
+        tracker = threading.Thread(target=send_tracker, args=(positions, is_over))
+        tracker.start()
+        try:
+            assert player.wait(timeout=300) == 0
+            d.wait(lambda c: c["bus0.frames"] + c["bus0.dropped_by_kernel"] >= n)
+            tracker.join()
+            assert dump.wait(timeout=PATIENCE) == 0
+        finally:
+            is_over.set()
+            player.kill()
+            dump.kill()
+        summary = d.stop()
+
+    # then: nothing was lost, and the estimate is the one of the recorded frames and positions, close to the truth
+    assert summary["bus0.frames"] == n
+    assert summary["bus0.dropped_by_kernel"] == 0
+    assert summary["decode.decoded"] == n
+    assert summary["lcm.tracker_positions"] == len(positions.read_text().splitlines()) - 1
+    files = ["--bus", f"file:{tmp_path / 'can.log'}", "--tracker", f"file:{positions}"]
+    config = CLASSICAL / "robot.cfg"
+    run(BIN / "inertiad", "--config", config, "--lcm", "none", *files, "--estimate", tmp_path / "file.json")
+    live, file, truth = (
+        json.loads(path.read_text())
+        for path in (tmp_path / "live.json", tmp_path / "file.json", CLASSICAL / "run/truth.json")
+    )
+    print({name: (n, summary.get(name)) for name, n in file["counters"].items() if n != summary.get(name)})
+    print(live, file)
+    assert live["samples"]["used"] == pytest.approx(file["samples"]["used"], rel=0.01)
+    assert live["mass"]["value"] == pytest.approx(file["mass"]["value"], rel=1e-4)
+    assert live["cog"]["value"] == pytest.approx(file["cog"]["value"], abs=1e-4)
+    assert live["inertia_cog"]["value"] == pytest.approx(file["inertia_cog"]["value"], abs=0.1)
+    assert live["mass"]["value"] == pytest.approx(truth["mass"], rel=0.02)
+    assert live["cog"]["value"] == pytest.approx(truth["cog"], abs=0.01)
+
+
+def test_fd_frames_of_python_can_are_all_decoded():
+    with can.LogReader(FD / "run/can.log") as reader:
+        messages = list(reader)
+    assert messages[0].is_fd
+    with daemon(robot=FD) as d, socketcan(fd=True) as bus:
+        for message in messages:
+            bus.send(message, timeout=1.0)
+        d.wait(lambda c: c["bus0.frames"] >= len(messages))
+        summary = d.stop()
+    assert summary["decode.decoded"] == len(messages)
+    assert summary["group.imu.complete"] == summary["group.force.complete"] == len(messages)
+
+
+def test_random_traffic_at_full_speed_is_counted_to_the_last_frame():
+    n = 30000
+    with daemon(bus="socketcan:vcan0?filter=off") as d:
+        run("cangen", "vcan0", "-g", "0", "-n", n, "-m", "-R", "-p", "10")
+        d.wait(lambda c: c["bus0.frames"] + c["bus0.dropped_by_kernel"] >= n)
+        summary = d.stop()
+    assert summary["bus0.frames"] + summary["bus0.dropped_by_kernel"] == n
+    outcomes = ("decoded", "unknown_id", "remote", "error_frame", "bad_length")
+    assert sum(summary[f"decode.{outcome}"] for outcome in outcomes) == summary["decode.frames"]
+    assert summary["decode.frames"] == summary["bus0.frames"]
+    assert summary["decode.unknown_id"] > 0.5 * n and summary["decode.remote"] > 0
+    assert summary["lcm.estimates_not_finite"] == 0
+
+
+def test_unbound_identifiers_do_not_reach_the_daemon_behind_its_filter():
+    with daemon() as d, socketcan() as bus:
+        for can_id in (0x7FF, 0x010, 0x7FE):
+            bus.send(can.Message(arbitration_id=can_id, is_extended_id=False, data=bytes(8)))
+        d.wait(lambda c: c["bus0.frames"] > 0)
+        assert d.stop()["bus0.frames"] == 1
+
+
+def test_error_frame_of_an_overrun_controller_is_counted():
+    CAN_ERR_CRTL, CAN_ERR_CRTL_RX_OVERFLOW = 0x004, 0x01
+    with daemon() as d, socketcan() as bus:
+        data = bytes([0, CAN_ERR_CRTL_RX_OVERFLOW, 0, 0, 0, 0, 0, 0])
+        bus.send(can.Message(arbitration_id=CAN_ERR_CRTL, is_error_frame=True, is_extended_id=False, data=data))
+        d.wait(lambda c: c["bus0.error_frames"] > 0)
+        summary = d.stop()
+    assert (summary["bus0.error_frames"], summary["bus0.controller_overruns"]) == (1, 1)
+
+
+def test_interface_that_goes_down_and_up_is_taken_up_again():
+    with daemon() as d:
+        run("ip", "link", "set", "vcan0", "down")
+        d.wait(lambda c: c["bus0.went_down"] == 1)
+        run("ip", "link", "set", "vcan0", "up")
+        end = time.monotonic() + PATIENCE
+        while d.counters["bus0.frames"] == 0 and time.monotonic() < end:
+            run("cansend", "vcan0", "010#0011223344556677")
+            d.lcm.handle_timeout(1000)
+        assert d.stop()["bus0.frames"] > 0
+
+
+def test_absent_interface_is_one_line_and_exit_status_2():
+    command = [BIN / "inertiad", "--config", CLASSICAL / "robot.cfg", "--bus", "socketcan:vcan9", "--lcm", "none"]
+    result = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=PATIENCE)
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert "vcan9" in result.stderr
