@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-#define SAME_INSTANT_NS 1000       // closer than this, a sample is taken as it is
-#define RESTART_NS 1000000000LL    // a stamp further back than this starts the sensor again
+#define SAME_INSTANT_NS 1000     // closer than this, a sample is taken as it is
+#define RESTART_NS 1000000000LL  // a stamp further back than this starts the sensor again
 
 static int64_t to_ns(double seconds)
 {
@@ -139,7 +139,7 @@ static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t
     const int64_t before = i > oldest(ring) ? stamp(ring, i) - stamp(ring, i - 1) : 0;
     const int64_t after = i + 2 < ring->head ? stamp(ring, i + 2) - stamp(ring, i + 1) : 0;
     if (before > 0 && before <= a->max_age_ns[sensor]) {
-        const double g = 1e-9 * (double)before;   // slope at i: parabola through i - 1, i, i + 1
+        const double g = 1e-9 * (double)before;  // slope at i: parabola through i - 1, i, i + 1
         weight[0] += h10 * (-h * h / (g * (g + h)));
         weight[1] += h10 * (h - g) / g;
         weight[2] += h10 * g / (g + h);
@@ -147,7 +147,7 @@ static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t
         weight[1] -= h10, weight[2] += h10;
     }
     if (after > 0 && after <= a->max_age_ns[sensor]) {
-        const double g = 1e-9 * (double)after;    // slope at i + 1: parabola through i, i + 1, i + 2
+        const double g = 1e-9 * (double)after;  // slope at i + 1: parabola through i, i + 1, i + 2
         weight[1] += h11 * (-g / (g + h));
         weight[2] += h11 * (g - h) / g;
         weight[3] += h11 * h * h / (g * (g + h));

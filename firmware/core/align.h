@@ -28,10 +28,10 @@ typedef struct {
     int32_t position_source;
     double fixed_position[3];
     int64_t max_wait_ns, max_age_ns[IPE_SENSOR_COUNT], delay_ns[IPE_SENSOR_COUNT];
-    bool is_ending;   ///< no more samples will come: do not wait
+    bool is_ending;  ///< no more samples will come: do not wait
 
     ipe_ring_t ring[IPE_SENSOR_COUNT];
-    double imu[IPE_RING][10];                ///< acc 3, gyro 3, q 4
+    double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
 

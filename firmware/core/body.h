@@ -12,9 +12,9 @@
 #include "types.h"
 
 typedef struct {
-    double mass, mass_std;                       ///< kg
-    double cog[3], cog_std[3];                   ///< from the reference point, m
-    double inertia_cog[6], inertia_cog_std[6];   ///< about C, xx yy zz yz xz xy, matrix entries, kg m2
+    double mass, mass_std;                      ///< kg
+    double cog[3], cog_std[3];                  ///< from the reference point, m
+    double inertia_cog[6], inertia_cog_std[6];  ///< about C, xx yy zz yz xz xy, matrix entries, kg m2
 } ipe_body_t;
 
 /// T [10][10] of the shift: theta about (old - d) = T theta about old; covariance T P T^T.

@@ -4,11 +4,11 @@
 #include <math.h>
 #include <string.h>
 
-#define WINDOW_S 60.0         // hull looks back this far
+#define WINDOW_S 60.0        // hull looks back this far
 #define FIRST_BLOCK_S (1.0 / 64.0)
-#define MIN_RATE_SPAN_S 5.0   // below this the rate is taken as 1
-#define STEP_EARLY_S 0.02     // a stamp this much before the line, or
-#define STEP_LATE_S 2.0       // this much after it: a clock was stepped
+#define MIN_RATE_SPAN_S 5.0  // below this the rate is taken as 1
+#define STEP_EARLY_S 0.02    // a stamp this much before the line, or
+#define STEP_LATE_S 2.0      // this much after it: a clock was stepped
 
 void ipe_clock_init(ipe_clock_t* c, double wrap)
 {

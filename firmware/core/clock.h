@@ -15,21 +15,21 @@
 enum { IPE_CLOCK_POINTS = 64 };
 
 typedef struct {
-    double wrap;                 ///< s after which device time starts again at 0; 0: never
+    double wrap;                ///< s after which device time starts again at 0; 0: never
     bool is_started;
-    double last_raw;             ///< s, device time as last given
-    double unwrapped;            ///< s added by wraps so far
-    double device_0;             ///< s, origin of device in point
-    int64_t host_0_ns;           ///< origin of host in point
+    double last_raw;            ///< s, device time as last given
+    double unwrapped;           ///< s added by wraps so far
+    double device_0;            ///< s, origin of device in point
+    int64_t host_0_ns;          ///< origin of host in point
     struct {
-        double device, host;     ///< s since the origins
-    } point[IPE_CLOCK_POINTS];   ///< earliest arrival of each block, oldest first
+        double device, host;    ///< s since the origins
+    } point[IPE_CLOCK_POINTS];  ///< earliest arrival of each block, oldest first
     int n_points;
-    double block;                ///< s of device time per block
-    double block_end;            ///< device time at which the newest block ends
-    double offset, rate;         ///< host = offset + rate * device
+    double block;               ///< s of device time per block
+    double block_end;           ///< device time at which the newest block ends
+    double offset, rate;        ///< host = offset + rate * device
 
-    uint64_t n_steps;            ///< restarts because device or host clock was stepped
+    uint64_t n_steps;           ///< restarts because device or host clock was stepped
 } ipe_clock_t;
 
 /// Start with nothing known. wrap [s] as in the struct.

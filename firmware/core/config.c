@@ -23,7 +23,8 @@ static void refuse(check_t* c, const char* field, int index, double value, const
     }
 }
 
-static void check_range(check_t* c, const char* field, int index, double value, double low, double high, const char* unit)
+static void check_range(check_t* c, const char* field, int index, double value, double low, double high,
+                        const char* unit)
 {
     if (value >= low && value <= high) { return; }
     char allowed[96];
@@ -31,7 +32,8 @@ static void check_range(check_t* c, const char* field, int index, double value, 
     refuse(c, field, index, value, allowed);
 }
 
-static void check_all(check_t* c, const char* field, const double* value, int n, double low, double high, const char* unit)
+static void check_all(check_t* c, const char* field, const double* value, int n, double low, double high,
+                      const char* unit)
 {
     for (int i = 0; i < n; ++i) { check_range(c, field, i, value[i], low, high, unit); }
 }
@@ -40,7 +42,9 @@ static void check_unit(check_t* c, const char* field, int index, const double* v
 {
     double sum = 0.0;
     for (int i = 0; i < n; ++i) { sum += v[i] * v[i]; }
-    if (!(fabs(sqrt(sum) - 1.0) < 1e-6)) { refuse(c, field, index, sqrt(sum), "length of a unit vector, allowed 1 +- 1e-6"); }
+    if (!(fabs(sqrt(sum) - 1.0) < 1e-6)) {
+        refuse(c, field, index, sqrt(sum), "length of a unit vector, allowed 1 +- 1e-6");
+    }
 }
 
 static void check_covariance(check_t* c, const char* field, const double* P, int n)
@@ -79,7 +83,8 @@ static void check_signal(check_t* c, const ipe_signal_t* s, int i)
 {
     check_range(c, "signal.quantity", i, s->quantity, 0, IPE_Q_COUNT - 1, "");
     check_range(c, "signal.bus", i, s->bus, 0, IPE_BUSES_MAX - 1, "");
-    check_range(c, "signal.can_id", i, (s->can_id & ~IPE_CAN_EFF), 0, (s->can_id & IPE_CAN_EFF) ? 0x1FFFFFFF : 0x7FF, "");
+    check_range(c, "signal.can_id", i, (s->can_id & ~IPE_CAN_EFF), 0, (s->can_id & IPE_CAN_EFF) ? 0x1FFFFFFF : 0x7FF,
+                "");
     check_range(c, "signal.frame_length", i, s->frame_length, 1, IPE_DATA_MAX, "bytes");
     check_range(c, "signal.length", i, s->length, 1, 64, "bits");
     check_range(c, "signal.start", i, s->start, 0, 8 * IPE_DATA_MAX - 1, "");
@@ -120,14 +125,16 @@ static void check_std(check_t* c, const ipe_config_t* k)
         const char* field;
         double value;
     } std[] = {
-        {"std_acc_bias", k->std_acc_bias},         {"std_gyro_bias", k->std_gyro_bias},
-        {"std_attitude", k->std_attitude},         {"std_world_yaw", k->std_world_yaw},
+        {"std_acc_bias", k->std_acc_bias},           {"std_gyro_bias", k->std_gyro_bias},
+        {"std_attitude", k->std_attitude},           {"std_world_yaw", k->std_world_yaw},
         {"std_imu_alignment", k->std_imu_alignment}, {"std_imu_position", k->std_imu_position},
-        {"std_force_offset", k->std_force_offset}, {"std_force_gain", k->std_force_gain},
-        {"std_force_delay", k->std_force_delay},   {"std_position_delay", k->std_position_delay},
+        {"std_force_offset", k->std_force_offset},   {"std_force_gain", k->std_force_gain},
+        {"std_force_delay", k->std_force_delay},     {"std_position_delay", k->std_position_delay},
         {"std_geometry", k->std_geometry},
     };
-    for (size_t i = 0; i < sizeof std / sizeof std[0]; ++i) { check_range(c, std[i].field, -1, std[i].value, 0.0, 1e6, "SI"); }
+    for (size_t i = 0; i < sizeof std / sizeof std[0]; ++i) {
+        check_range(c, std[i].field, -1, std[i].value, 0.0, 1e6, "SI");
+    }
 }
 
 ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t size)

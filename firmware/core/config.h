@@ -32,10 +32,10 @@ typedef struct {
     int32_t length;        ///< bits, 1..64
     bool big_endian;
     bool is_signed;
-    int32_t kind;          ///< ipe_signal_kind_t
+    int32_t kind;             ///< ipe_signal_kind_t
     double scale, offset;
     double minimum, maximum;  ///< SI; equal: no limits
-    int32_t mux_start;     ///< -1: not multiplexed
+    int32_t mux_start;        ///< -1: not multiplexed
     int32_t mux_length;
     bool mux_big_endian;
     int64_t mux_value;
@@ -46,42 +46,42 @@ typedef enum { IPE_POSITION_TRACKER = 0, IPE_POSITION_FIXED = 1, IPE_POSITION_CA
 
 typedef struct {
     char name[64];
-    double gravity;              ///< m/s2, along -z of W
-    int32_t n_cables;            ///< 1..16
+    double gravity;    ///< m/s2, along -z of W
+    int32_t n_cables;  ///< 1..16
     ipe_cable_t cable[IPE_CABLES_MAX];
 
-    double imu_position[3];      ///< P, m
-    double imu_orientation[4];   ///< unit quaternion, I to P
-    double tracker_target[3];    ///< P, m
-    double sample_rate;          ///< Hz of the IMU, 0: measured
+    double imu_position[3];     ///< P, m
+    double imu_orientation[4];  ///< unit quaternion, I to P
+    double tracker_target[3];   ///< P, m
+    double sample_rate;         ///< Hz of the IMU, 0: measured
 
-    int32_t attitude_source;     ///< ipe_attitude_source_t
-    int32_t position_source;     ///< ipe_position_source_t
-    double fixed_position[3];    ///< of the tracked point, W, m
+    int32_t attitude_source;    ///< ipe_attitude_source_t
+    int32_t position_source;    ///< ipe_position_source_t
+    double fixed_position[3];   ///< of the tracked point, W, m
 
     int32_t n_signals;
     ipe_signal_t signal[IPE_SIGNALS_MAX];
-    double bus_bitrate[IPE_BUSES_MAX];  ///< bit/s, 0: unknown
+    double bus_bitrate[IPE_BUSES_MAX];    ///< bit/s, 0: unknown
 
-    double max_wait;                    ///< s a row waits for the slowest sensor
-    double max_age[IPE_SENSOR_COUNT];   ///< s between samples that interpolation may bridge
-    double delay[IPE_SENSOR_COUNT];     ///< s from the measured instant to its stamp
+    double max_wait;                      ///< s a row waits for the slowest sensor
+    double max_age[IPE_SENSOR_COUNT];     ///< s between samples that interpolation may bridge
+    double delay[IPE_SENSOR_COUNT];       ///< s from the measured instant to its stamp
 
-    double acc_bias[3], gyro_bias[3];   ///< I axes, m/s2, rad/s
-    double attitude_bias[3];            ///< rad, P axes: true = measured exp(bias)
-    double world_yaw;                   ///< rad: true = Rz(yaw) measured
-    double force_offset[IPE_CABLES_MAX];///< N
-    double force_gain[IPE_CABLES_MAX];  ///< measured = (1 + gain) true + offset
+    double acc_bias[3], gyro_bias[3];     ///< I axes, m/s2, rad/s
+    double attitude_bias[3];              ///< rad, P axes: true = measured exp(bias)
+    double world_yaw;                     ///< rad: true = Rz(yaw) measured
+    double force_offset[IPE_CABLES_MAX];  ///< N
+    double force_gain[IPE_CABLES_MAX];    ///< measured = (1 + gain) true + offset
 
     double std_acc_bias, std_gyro_bias, std_attitude, std_world_yaw, std_imu_alignment, std_imu_position;
     double std_force_offset, std_force_gain, std_force_delay, std_position_delay, std_geometry;
 
-    double window_length;                       ///< s
-    double memory;                              ///< s of excited time after which data count 1/e; 0: for ever
-    double residual_covariance[IPE_NY][IPE_NY]; ///< of one window at the IMU, P axes
-    double prior_theta[IPE_NP];                 ///< about P
+    double window_length;                        ///< s
+    double memory;                               ///< s of excited time after which data count 1/e; 0: for ever
+    double residual_covariance[IPE_NY][IPE_NY];  ///< of one window at the IMU, P axes
+    double prior_theta[IPE_NP];                  ///< about P
     double prior_covariance[IPE_NP][IPE_NP];
-    double estimate_rate;                       ///< Hz
+    double estimate_rate;                        ///< Hz
 } ipe_config_t;
 
 /// Check every field's range, that axes and quaternions are unit and covariances positive definite.

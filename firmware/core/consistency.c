@@ -25,7 +25,7 @@ bool ipe_consistency_check(const double theta[IPE_NP])
     return all_finite(theta, IPE_NP) && cholesky(&Pi[0][0], 4);
 }
 
-#define MARGIN 2e-3      // smallest eigenvalue that is aimed at, of the scaled Pi's trace
+#define MARGIN 2e-3  // smallest eigenvalue that is aimed at, of the scaled Pi's trace
 #define CUTS_MAX 24
 #define JACOBI_SWEEPS 12
 #define HILDRETH_SWEEPS 200
@@ -146,7 +146,8 @@ static double moved_by(const cuts_t* cuts, const double theta[IPE_NP], const dou
     return sum;
 }
 
-bool ipe_consistency_project(const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], double q[IPE_NP], double* distance)
+bool ipe_consistency_project(const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], double q[IPE_NP],
+                             double* distance)
 {
     memcpy(q, theta, sizeof(double) * IPE_NP);
     *distance = 0.0;

@@ -13,7 +13,9 @@ static unsigned hash(uint32_t can_id, unsigned bus)
 static unsigned find_slot(const ipe_decode_t* d, uint32_t can_id, unsigned bus)
 {
     unsigned i = hash(can_id, bus);
-    while (d->slot[i].n > 0 && (d->slot[i].can_id != can_id || d->slot[i].bus != bus)) { i = (i + 1) % IPE_DECODE_SLOTS; }
+    while (d->slot[i].n > 0 && (d->slot[i].can_id != can_id || d->slot[i].bus != bus)) {
+        i = (i + 1) % IPE_DECODE_SLOTS;
+    }
     return i;
 }
 
@@ -25,7 +27,9 @@ static bool same_message(const ipe_signal_t* a, const ipe_signal_t* b)
 void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config)
 {
     memset(d, 0, sizeof *d);
-    for (int i = 0; i < IPE_BUSES_MAX; ++i) { d->bit_time[i] = config->bus_bitrate[i] > 0.0 ? 1.0 / config->bus_bitrate[i] : 0.0; }
+    for (int i = 0; i < IPE_BUSES_MAX; ++i) {
+        d->bit_time[i] = config->bus_bitrate[i] > 0.0 ? 1.0 / config->bus_bitrate[i] : 0.0;
+    }
     d->signal = config->signal;
     int n = 0;
     for (int i = 0; i < config->n_signals; ++i) {

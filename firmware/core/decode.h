@@ -11,8 +11,8 @@
 
 /// The values one frame carried, in the order of the table.
 typedef struct {
-    int64_t t_ns;       ///< the frame's host stamp
-    double wire_time;   ///< s the frame took on the bus, 0: bit rate unknown
+    int64_t t_ns;      ///< the frame's host stamp
+    double wire_time;  ///< s the frame took on the bus, 0: bit rate unknown
     int n;
     struct {
         uint8_t quantity;  ///< ipe_quantity_t
@@ -31,14 +31,14 @@ typedef struct {
     uint8_t order[IPE_SIGNALS_MAX];           ///< indices of it, those of one message neighbours
     double bit_time[IPE_BUSES_MAX];           ///< s, 0: unknown
 
-    uint64_t n_frames;         ///< every frame pushed = sum of the counters below that are per frame
+    uint64_t n_frames;                        ///< every frame pushed = sum of the counters below that are per frame
     uint64_t n_decoded;
-    uint64_t n_unknown;        ///< ID that no signal is bound to
-    uint64_t n_remote;         ///< remote frames
-    uint64_t n_error;          ///< error frames
-    uint64_t n_bad_length;     ///< known ID, wrong number of bytes
-    uint64_t n_nonfinite;      ///< signals refused: NaN or Inf
-    uint64_t n_out_of_range;   ///< signals refused: outside the limits of the DBC
+    uint64_t n_unknown;                       ///< ID that no signal is bound to
+    uint64_t n_remote;                        ///< remote frames
+    uint64_t n_error;                         ///< error frames
+    uint64_t n_bad_length;                    ///< known ID, wrong number of bytes
+    uint64_t n_nonfinite;                     ///< signals refused: NaN or Inf
+    uint64_t n_out_of_range;                  ///< signals refused: outside the limits of the DBC
 } ipe_decode_t;
 
 /// Build the table from config->signal, which is kept by pointer and must outlive it. Cost: once, n_signals^2.

@@ -15,9 +15,9 @@ typedef enum { IPE_DETECT_USE = 0, IPE_DETECT_HOLD = 1, IPE_DETECT_CHANGE = 2 } 
 
 typedef struct {
     double cusum;
-    int n_outstanding;        ///< windows in a row with NIS over its limit
-    uint64_t n_held;          ///< windows held back
-    uint64_t n_changes;       ///< alarms
+    int n_outstanding;   ///< windows in a row with NIS over its limit
+    uint64_t n_held;     ///< windows held back
+    uint64_t n_changes;  ///< alarms
 } ipe_detect_t;
 
 void ipe_detect_init(ipe_detect_t* d);

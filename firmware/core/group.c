@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-#define SPREAD 0.8           // of the period that the frames of a sample without counter may take
-#define DROPPED_IN_A_ROW 4   // samples, then the period is measured again
+#define SPREAD 0.8          // of the period that the frames of a sample without counter may take
+#define DROPPED_IN_A_ROW 4  // samples, then the period is measured again
 
 static void require(ipe_group_t* g, int first, int n)
 {
@@ -38,12 +38,8 @@ void ipe_group_init(ipe_group_t* g, ipe_sensor_t sensor, const ipe_config_t* con
             require(g, IPE_Q_QUAT_W, 4);
         }
         break;
-    case IPE_FORCE:
-        require(g, IPE_Q_F_1, config->n_cables);
-        break;
-    default:
-        require(g, IPE_Q_POS_X, 3);
-        break;
+    case IPE_FORCE: require(g, IPE_Q_F_1, config->n_cables); break;
+    default: require(g, IPE_Q_POS_X, 3); break;
     }
     g->has_counter = is_bound(config, g->counter_quantity);
     if (is_bound(config, g->time_quantity)) { g->required |= 1ULL << g->time_quantity; }

@@ -23,25 +23,25 @@ typedef struct {
 } ipe_reading_t;
 
 typedef struct {
-    uint64_t required, optional;     ///< quantities as bits
-    uint8_t place[IPE_Q_COUNT];      ///< index of a required quantity in ipe_reading_t.value
+    uint64_t required, optional;  ///< quantities as bits
+    uint8_t place[IPE_Q_COUNT];   ///< index of a required quantity in ipe_reading_t.value
     uint8_t counter_quantity, time_quantity;
-    bool has_counter;                ///< a counter signal is bound
+    bool has_counter;             ///< a counter signal is bound
 
     bool is_open;
     uint64_t present;
-    double counter;                  ///< of the open sample
+    double counter;            ///< of the open sample
     int64_t opened_ns;
-    double period;                   ///< s between complete samples, smoothed; 0: not known
-    int64_t completed_ns;            ///< opening stamp of the last complete sample
-    double completed_counter;        ///< its counter
-    int n_dropped_in_a_row;          ///< many: the period is doubted and measured again
-    int n_intervals;                 ///< between complete samples since the period is measured
+    double period;             ///< s between complete samples, smoothed; 0: not known
+    int64_t completed_ns;      ///< opening stamp of the last complete sample
+    double completed_counter;  ///< its counter
+    int n_dropped_in_a_row;    ///< many: the period is doubted and measured again
+    int n_intervals;           ///< between complete samples since the period is measured
     ipe_reading_t reading;
 
     uint64_t n_complete;
-    uint64_t n_incomplete;           ///< samples dropped: a frame or a value of them was missing
-    uint64_t n_duplicate;            ///< values that repeated one of the same sample, ignored
+    uint64_t n_incomplete;  ///< samples dropped: a frame or a value of them was missing
+    uint64_t n_duplicate;   ///< values that repeated one of the same sample, ignored
 } ipe_group_t;
 
 /// Which quantities make a sample of this sensor, from the bound signals of config.

@@ -16,13 +16,13 @@
 enum { IPE_NOISE_LAGS = 25 };
 
 typedef struct {
-    double prior[IPE_NY];                      ///< diagonal of the configured covariance
-    double factor[IPE_NY][IPE_NY];             ///< its Cholesky factor
-    double sum[IPE_NY];                        ///< of the windows' contributions to v
+    double prior[IPE_NY];                 ///< diagonal of the configured covariance
+    double factor[IPE_NY][IPE_NY];        ///< its Cholesky factor
+    double sum[IPE_NY];                   ///< of the windows' contributions to v
     uint64_t n_summed;
-    double past[IPE_NOISE_LAGS][IPE_NY];       ///< innovations, window k at k % IPE_NOISE_LAGS
+    double past[IPE_NOISE_LAGS][IPE_NY];  ///< innovations, window k at k % IPE_NOISE_LAGS
     uint64_t n_past;
-    double L[IPE_NY][IPE_NY];                  ///< factor of the covariance to whiten with
+    double L[IPE_NY][IPE_NY];             ///< factor of the covariance to whiten with
 } ipe_noise_t;
 
 /// Start from the configured covariance C [6][6]. IPE_OK, or IPE_ERR_CONFIG: not positive definite.

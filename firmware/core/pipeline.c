@@ -9,14 +9,14 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SMALLEST_STD 1e-12        // of a systematic parameter declared perfect: the factored filter needs D > 0
-#define COVERAGE 1.25             // on every sigma: what the noise model still leaves out, see firmware/DESIGN.md
-#define STATIC_RATE 0.02          // rad/s and
-#define STATIC_ALPHA 0.01         // rad/s2: below both for
-#define STATIC_WINDOWS 5          // windows in a row the platform rests, and they are sensor noise
-#define LEARNING_WINDOWS 50       // of the noise, before an innovation can be called too large
-#define PRIOR_INTERVAL 50         // excited windows between two foldings of the prior
-#define CHANGE_SHARE (1.0 / 12.0) // of what the cables can lift: sigma of a new payload
+#define SMALLEST_STD 1e-12         // of a systematic parameter declared perfect: the factored filter needs D > 0
+#define COVERAGE 1.25              // on every sigma: what the noise model still leaves out, see firmware/DESIGN.md
+#define STATIC_RATE 0.02           // rad/s and
+#define STATIC_ALPHA 0.01          // rad/s2: below both for
+#define STATIC_WINDOWS 5           // windows in a row the platform rests, and they are sensor noise
+#define LEARNING_WINDOWS 50        // of the noise, before an innovation can be called too large
+#define PRIOR_INTERVAL 50          // excited windows between two foldings of the prior
+#define CHANGE_SHARE (1.0 / 12.0)  // of what the cables can lift: sigma of a new payload
 
 static_assert(sizeof(ipe_pipeline_t) <= 64 * 1024, "the state's budget in firmware/DESIGN.md");
 
@@ -121,11 +121,11 @@ ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame
 {
     ipe_sample_t sample;
     ipe_reading_t reading;
-    ipe_status_t status = ipe_decode_frame(&p->decode, frame, &sample);                // CAN frame -> values
+    ipe_status_t status = ipe_decode_frame(&p->decode, frame, &sample);  // CAN frame -> values
     if (status != IPE_OK) { return status; }
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        if (ipe_group_push(&p->group[s], &sample, &reading) != IPE_OK) { continue; }   // values -> whole sample
-        const ipe_status_t pushed = push_reading(p, (ipe_sensor_t)s, &reading);        // device -> host time, ring
+        if (ipe_group_push(&p->group[s], &sample, &reading) != IPE_OK) { continue; }  // values -> whole sample
+        const ipe_status_t pushed = push_reading(p, (ipe_sensor_t)s, &reading);       // device -> host time, ring
         if (pushed != IPE_OK) { status = pushed; }
     }
     return status;
@@ -225,14 +225,19 @@ static void judge_observability(const ipe_body_t* prior, ipe_estimate_t* e)
 {
     e->observable[0] = 2.0 * e->body.mass_std <= prior->mass_std;
     for (int i = 0; i < 3; ++i) { e->observable[1 + i] = 2.0 * e->body.cog_std[i] <= prior->cog_std[i]; }
-    for (int i = 0; i < 6; ++i) { e->observable[4 + i] = 2.0 * e->body.inertia_cog_std[i] <= prior->inertia_cog_std[i]; }
+    for (int i = 0; i < 6; ++i) {
+        e->observable[4 + i] = 2.0 * e->body.inertia_cog_std[i] <= prior->inertia_cog_std[i];
+    }
 }
 
 /// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no body.
 static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average, double nis, ipe_estimate_t* estimate)
 {
     double theta[IPE_NP];
-    ipe_estimate_t e = {.t_ns = average->t_ns, .n_windows = p->rls.n_updates, .n_rows = p->n_rows, .nis = nis,
+    ipe_estimate_t e = {.t_ns = average->t_ns,
+                        .n_windows = p->rls.n_updates,
+                        .n_rows = p->n_rows,
+                        .nis = nis,
                         .n_changes = p->detect.n_changes};
     memcpy(theta, p->rls.x, sizeof theta);
     ipe_rls_covariance(&p->rls, IPE_NP, &e.covariance[0][0]);
@@ -244,7 +249,9 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
     if (!ipe_consistency_project(theta, e.covariance, e.theta, &e.distance)) { return false; }
     add_geometry(p, &e);
     if (ipe_body_from_theta(e.theta, e.covariance, &e.body) != IPE_OK) { return false; }
-    if (!all_finite(e.theta, IPE_NP) || !all_finite(&e.covariance[0][0], IPE_NP * IPE_NP) || !isfinite(nis)) { return false; }
+    if (!all_finite(e.theta, IPE_NP) || !all_finite(&e.covariance[0][0], IPE_NP * IPE_NP) || !isfinite(nis)) {
+        return false;
+    }
     if (!all_finite(&e.body.mass, sizeof e.body / sizeof(double))) { return false; }
     judge_observability(&p->prior, &e);
     read_systematic(p, &e);
@@ -257,16 +264,16 @@ static ipe_status_t update_filter(ipe_pipeline_t* p, ipe_average_t* average, dou
 {
     double innovation[IPE_NY], S[IPE_NY][IPE_NY];
     const bool at_rest = gate_rest(p, average);
-    ipe_status_t status = build_equations(p, average);                                 // averages -> [Y, -X]
+    ipe_status_t status = build_equations(p, average);  // averages -> [Y, -X]
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&p->rls, p->equations, average->y, innovation, S);
     *nis = ipe_detect_nis(innovation, S, p->noise.L);
-    const ipe_detect_verdict_t verdict = judge(p, *nis);                              // innovation -> same payload?
+    const ipe_detect_verdict_t verdict = judge(p, *nis);  // innovation -> same payload?
     if (verdict == IPE_DETECT_HOLD) { return IPE_NOT_READY; }
     if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
     if (!at_rest) { forget(p, 0.25 * average->length); }
     double unused;
-    status = ipe_rls_update(&p->rls, p->equations, average->y, p->noise.L, &unused);   // equations -> theta, xi, P
+    status = ipe_rls_update(&p->rls, p->equations, average->y, p->noise.L, &unused);  // equations -> theta, xi, P
     if (status == IPE_OK && verdict == IPE_DETECT_USE) { ipe_noise_push(&p->noise, innovation, S); }
     return status;
 }
@@ -279,17 +286,17 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     double nis;
     const uint64_t restarts = p->window.n_restarts;
 
-    ipe_status_t status = ipe_align_pop(&p->align, row);                               // samples -> row
+    ipe_status_t status = ipe_align_pop(&p->align, row);                          // samples -> row
     if (status != IPE_OK) { return status; }
-    status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);                   // row -> motion, cable wrench
+    status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);              // row -> motion, cable wrench
     if (status != IPE_OK) { return status; }
-    status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);       // rows -> weak form
+    status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
     p->n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_noise_restart(&p->noise); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    status = update_filter(p, &average, &nis);                                         // equations -> theta, xi, P
+    status = update_filter(p, &average, &nis);             // equations -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    if (!make_estimate(p, &average, nis, &p->estimate)) {                              // theta -> body, consistency
+    if (!make_estimate(p, &average, nis, &p->estimate)) {  // theta -> body, consistency
         ++p->n_refused;
         return IPE_ERR_NONFINITE;
     }

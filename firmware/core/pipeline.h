@@ -23,19 +23,19 @@
 
 /// What is known about the platform. P: platform frame, C: centre of gravity; inertia xx yy zz yz xz xy, matrix entries.
 typedef struct {
-    int64_t t_ns;                        ///< of the last row used
-    uint64_t n_windows, n_rows;          ///< used so far
-    ipe_body_t body;                     ///< mass, CoG, inertia about C, with standard deviations
-    double theta[IPE_NP];                ///< m, h, J about P
-    double covariance[IPE_NP][IPE_NP];   ///< of theta
-    int n_systematic;                    ///< systematic parameters carried, see systematic.h
-    double systematic[IPE_XI_FILTER_MAX];     ///< correction to the configured calibration
+    int64_t t_ns;                          ///< middle of the last window used
+    uint64_t n_windows, n_rows;            ///< used so far
+    ipe_body_t body;                       ///< mass, CoG, inertia about C, with standard deviations
+    double theta[IPE_NP];                  ///< m, h, J about P
+    double covariance[IPE_NP][IPE_NP];     ///< of theta
+    int n_systematic;                      ///< systematic parameters carried, see systematic.h
+    double systematic[IPE_XI_FILTER_MAX];  ///< correction to the configured calibration
     double systematic_std[IPE_XI_FILTER_MAX];
-    bool observable[IPE_NP];             ///< of m, cog, inertia_cog: sigma at most half the prior's
-    bool consistent;                     ///< a body that can exist; false: theta and body are the nearest one that can
-    double distance;                     ///< Mahalanobis distance squared to it, 0 if consistent
-    double nis;                          ///< normalised innovation squared of the last window
-    uint64_t n_changes;                  ///< payload changes noticed so far
+    bool observable[IPE_NP];               ///< of m, cog, inertia_cog: sigma at most half the prior's
+    bool consistent;     ///< a body that can exist; false: theta and body are the nearest one that can
+    double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
+    double nis;          ///< normalised innovation squared of the last window
+    uint64_t n_changes;  ///< payload changes noticed so far
 } ipe_estimate_t;
 
 /// Counters and state of every stage; read freely, write never.
@@ -50,16 +50,16 @@ typedef struct {
     ipe_rls_t rls;
     ipe_noise_t noise;
     ipe_detect_t detect;
-    ipe_body_t prior;                    ///< the configured prior as a body
-    double prior_theta[IPE_NP];          ///< about the IMU
-    double prior_rows[IPE_NP][IPE_NP];   ///< inverse Cholesky factor of its covariance
-    double change_std[IPE_NP];           ///< what a new payload may add to theta about the IMU
-    double equations[IPE_NY * IPE_NX_MAX];    ///< [Y, -X] of the window at hand
-    uint64_t n_excited;                  ///< windows not at rest
-    int n_slow;                          ///< windows in a row that may be rest
+    ipe_body_t prior;                       ///< the configured prior as a body
+    double prior_theta[IPE_NP];             ///< about the IMU
+    double prior_rows[IPE_NP][IPE_NP];      ///< inverse Cholesky factor of its covariance
+    double change_std[IPE_NP];              ///< what a new payload may add to theta about the IMU
+    double equations[IPE_NY * IPE_NX_MAX];  ///< [Y, -X] of the window at hand
+    uint64_t n_excited;                     ///< windows not at rest
+    int n_slow;                             ///< windows in a row that may be rest
     ipe_estimate_t estimate;
-    uint64_t n_rows;                     ///< aligned rows that entered the window
-    uint64_t n_refused;                  ///< estimates not published because a value was not finite
+    uint64_t n_rows;                        ///< aligned rows that entered the window
+    uint64_t n_refused;                     ///< estimates not published because a value was not finite
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.

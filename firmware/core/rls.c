@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#define LARGEST 1e15   // standard deviations; no sensor reads more, and its square still is a number
+#define LARGEST 1e15  // standard deviations; no sensor reads more, and its square still is a number
 
 static int column(int j)
 {
@@ -122,7 +122,8 @@ static bool all_plausible(const double* v, int n)
     return true;
 }
 
-ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY], double* nis)
+ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
+                            double* nis)
 {
     double z[IPE_NY];
     whiten(H, s->n, y, L, z);

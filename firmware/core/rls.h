@@ -21,13 +21,13 @@ enum {
 };
 
 typedef struct {
-    int n;                  ///< states, IPE_NP .. IPE_NX_MAX
-    double x[IPE_NX_MAX];   ///< the states
-    double D[IPE_NX_MAX];   ///< diagonal of P's factor, > 0
-    double U[IPE_NU_MAX];   ///< unit upper triangle by columns: U_ij (i < j) at j (j - 1)/2 + i
+    int n;                 ///< states, IPE_NP .. IPE_NX_MAX
+    double x[IPE_NX_MAX];  ///< the states
+    double D[IPE_NX_MAX];  ///< diagonal of P's factor, > 0
+    double U[IPE_NU_MAX];  ///< unit upper triangle by columns: U_ij (i < j) at j (j - 1)/2 + i
 
-    uint64_t n_updates;     ///< blocks of rows folded in
-    uint64_t n_nonfinite;   ///< blocks refused: NaN, Inf or absurdly large
+    uint64_t n_updates;    ///< blocks of rows folded in
+    uint64_t n_nonfinite;  ///< blocks refused: NaN, Inf or absurdly large
 } ipe_rls_t;
 
 /// Start from the prior theta [10], P [10][10] and n_xi further states, 0 +- xi_std [n_xi], independent of all others.
@@ -50,7 +50,8 @@ void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_
 ///
 /// IPE_OK, or IPE_ERR_NONFINITE: an input is NaN, Inf or over 1e15 standard deviations; state untouched but for the
 /// counter.
-ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY], double* nis);
+ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
+                            double* nis);
 
 /// Fold in one scalar row h x = y of unit variance, h [n].
 void ipe_rls_update_row(ipe_rls_t* s, const double* h, double y);

@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-#define STEP 1e-4   // m and rad of the central differences
+#define STEP 1e-4  // m and rad of the central differences
 
 int ipe_systematic_count(int n_cables)
 {
@@ -57,7 +57,8 @@ static ipe_status_t moved_wrench(const ipe_config_t* config, const ipe_average_t
 }
 
 /// slope [6][3] of the wrench with respect to position (W), or to attitude (body rotation about the tracked point).
-static ipe_status_t pose_slope(const ipe_config_t* config, const ipe_average_t* a, bool of_attitude, double slope[IPE_NY][3])
+static ipe_status_t pose_slope(const ipe_config_t* config, const ipe_average_t* a, bool of_attitude,
+                               double slope[IPE_NY][3])
 {
     const double none[3] = {0.0, 0.0, 0.0};
     for (int i = 0; i < 3; ++i) {
@@ -86,7 +87,7 @@ static void pose_columns(const ipe_config_t* config, const ipe_average_t* a, dou
     vec3_cross(a->w, config->tracker_target, rate_arm);
     mat3_mul_vec(a->R, rate_arm, arm);
     vec3_axpy(a->velocity, 1.0, arm, velocity);
-    const double* up = a->R[2];   // z of W in P axes
+    const double* up = a->R[2];  // z of W in P axes
     for (int j = 0; j < IPE_NY; ++j) {
         memcpy(&X[j][IPE_XI_ATTITUDE], by_attitude[j], 3 * sizeof(double));
         X[j][IPE_XI_YAW] = vec3_dot(by_attitude[j], up);
@@ -111,8 +112,8 @@ static void force_columns(const ipe_config_t* config, const ipe_average_t* a, co
 }
 
 /// -Y(ds, dww, dalpha) theta as a column: what a change of the averaged motion does to the residual.
-static void motion_column(const double ds[3], const double dww[6], const double dalpha[3], const double theta[IPE_NP], int at,
-                          double X[IPE_NY][IPE_XI_MAX])
+static void motion_column(const double ds[3], const double dww[6], const double dalpha[3], const double theta[IPE_NP],
+                          int at, double X[IPE_NY][IPE_XI_MAX])
 {
     double Y[IPE_NY][IPE_NP], column[IPE_NY];
     ipe_regressor(ds, dww, dalpha, Y);
@@ -153,11 +154,12 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
     }
 }
 
-ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_average_t* average, const double theta[IPE_NP],
-                                    double X[IPE_NY][IPE_XI_MAX])
+ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_average_t* average,
+                                    const double theta[IPE_NP], double X[IPE_NY][IPE_XI_MAX])
 {
     double by_position[IPE_NY][3], by_attitude[IPE_NY][3], W[IPE_NY][IPE_CABLES_MAX], sag[IPE_NY];
-    if (pose_slope(config, average, false, by_position) != IPE_OK || pose_slope(config, average, true, by_attitude) != IPE_OK ||
+    if (pose_slope(config, average, false, by_position) != IPE_OK ||
+        pose_slope(config, average, true, by_attitude) != IPE_OK ||
         ipe_wrench_matrix(config, average->p, average->R, config->imu_position, W, sag) != IPE_OK) {
         return IPE_ERR_GEOMETRY;
     }

@@ -16,12 +16,12 @@
 #include "window.h"
 
 enum {
-    IPE_XI_ATTITUDE = 0,        ///< rad, P axes: R_true = R exp(xi)
-    IPE_XI_YAW = 3,             ///< rad: R_true = Rz(xi) R
-    IPE_XI_ACC_BIAS = 4,        ///< m/s2, I axes
-    IPE_XI_ALIGNMENT = 7,       ///< rad, P axes: s_true = s + xi x s, w_true = w + xi x w
-    IPE_XI_POSITION_DELAY = 10, ///< s
-    IPE_XI_FORCE = 11,          ///< offsets m [N], then gains m; after them gyro bias 3 [rad/s, I axes], force delay 1 [s]
+    IPE_XI_ATTITUDE = 0,         ///< rad, P axes: R_true = R exp(xi)
+    IPE_XI_YAW = 3,              ///< rad: R_true = Rz(xi) R
+    IPE_XI_ACC_BIAS = 4,         ///< m/s2, I axes
+    IPE_XI_ALIGNMENT = 7,        ///< rad, P axes: s_true = s + xi x s, w_true = w + xi x w
+    IPE_XI_POSITION_DELAY = 10,  ///< s
+    IPE_XI_FORCE = 11,  ///< offsets m [N], then gains m; after them gyro bias 3 [rad/s, I axes], force delay 1 [s]
     IPE_XI_FILTER_MAX = IPE_XI_FORCE + 2 * IPE_CABLES_MAX,
     IPE_XI_MAX = IPE_XI_FILTER_MAX + 4,
 };
@@ -36,7 +36,7 @@ void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX]);
 /// X [6][ipe_systematic_count()] = d(y - Y theta)/d xi of one window; theta about the IMU.
 ///
 /// IPE_OK, or IPE_ERR_GEOMETRY: a cable has no direction near this pose, X not to be used.
-ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_average_t* average, const double theta[IPE_NP],
-                                    double X[IPE_NY][IPE_XI_MAX]);
+ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_average_t* average,
+                                    const double theta[IPE_NP], double X[IPE_NY][IPE_XI_MAX]);
 
 #endif

@@ -33,16 +33,16 @@ typedef enum {
 
 /// What a CAN signal measures. Vectors are consecutive. The numbers are part of the compiled configuration.
 typedef enum {
-    IPE_Q_ACC_X = 0,          ///< specific force, I axes, m/s2 (3)
-    IPE_Q_GYRO_X = 3,         ///< angular rate, I axes, rad/s (3)
-    IPE_Q_QUAT_W = 6,         ///< unit quaternion w x y z, I to W (4)
-    IPE_Q_ROLL = 10,          ///< roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll), I to W, rad (3)
-    IPE_Q_POS_X = 13,         ///< tracked point, W, m (3)
-    IPE_Q_F_1 = 16,           ///< cable forces, N (16)
-    IPE_Q_IMU_COUNTER = 32,   ///< sample counter of the IMU's messages
-    IPE_Q_FORCE_COUNTER = 33, ///< sample counter of the force messages
+    IPE_Q_ACC_X = 0,           ///< specific force, I axes, m/s2 (3)
+    IPE_Q_GYRO_X = 3,          ///< angular rate, I axes, rad/s (3)
+    IPE_Q_QUAT_W = 6,          ///< unit quaternion w x y z, I to W (4)
+    IPE_Q_ROLL = 10,           ///< roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll), I to W, rad (3)
+    IPE_Q_POS_X = 13,          ///< tracked point, W, m (3)
+    IPE_Q_F_1 = 16,            ///< cable forces, N (16)
+    IPE_Q_IMU_COUNTER = 32,    ///< sample counter of the IMU's messages
+    IPE_Q_FORCE_COUNTER = 33,  ///< sample counter of the force messages
     IPE_Q_POS_COUNTER = 34,
-    IPE_Q_IMU_TIME = 35,      ///< device time of the IMU's sample, s, wraps
+    IPE_Q_IMU_TIME = 35,       ///< device time of the IMU's sample, s, wraps
     IPE_Q_FORCE_TIME = 36,
     IPE_Q_POS_TIME = 37,
     IPE_Q_COUNT = 38,
@@ -70,11 +70,11 @@ enum { IPE_FRAME_FD = 1, IPE_FRAME_BRS = 2, IPE_FRAME_ESI = 4 };
 /// All sensors at one instant of the IMU, as measured, before calibration.
 typedef struct {
     int64_t t_ns;
-    double acc[3];           ///< specific force, I axes, m/s2
-    double gyro[3];          ///< I axes, rad/s
-    double q[4];             ///< unit quaternion w x y z, I to W
-    double position[3];      ///< tracked point, W, m
-    double f[IPE_CABLES_MAX];///< N
+    double acc[3];             ///< specific force, I axes, m/s2
+    double gyro[3];            ///< I axes, rad/s
+    double q[4];               ///< unit quaternion w x y z, I to W
+    double position[3];        ///< tracked point, W, m
+    double f[IPE_CABLES_MAX];  ///< N
 } ipe_row_t;
 
 /// Calibrated motion of the IMU point, P axes, and the pose of P.

@@ -6,10 +6,10 @@
 #include <math.h>
 #include <string.h>
 
-#define GAP_PERIODS 1.8           // rows further apart than this have lost one between them
-#define GAP_FRACTION (1.0 / 40.0) // of the window: a gap shorter than this does no harm
-#define MIN_QUARTER 2             // samples per quarter window
-#define STEP_BACK_S 1.0           // a stamp this far back: the clock was stepped, start again
+#define GAP_PERIODS 1.8            // rows further apart than this have lost one between them
+#define GAP_FRACTION (1.0 / 40.0)  // of the window: a gap shorter than this does no harm
+#define MIN_QUARTER 2              // samples per quarter window
+#define STEP_BACK_S 1.0            // a stamp this far back: the clock was stepped, start again
 
 static void set_period(ipe_window_t* x, double period)
 {

@@ -23,18 +23,18 @@ enum {
 
 /// Averages of one finished window.
 typedef struct {
-    int64_t t_ns;          ///< its middle
-    double length;         ///< s
-    double s[3];           ///< specific force, m/s2
-    double w[3];           ///< rate, rad/s
-    double ww[6];          ///< rate products xx yy zz yz xz xy, rad2/s2
-    double alpha[3];       ///< angular acceleration, rad/s2
-    double y[IPE_NY];      ///< wrench, N, N m
-    double p[3];           ///< position of P in W, m
-    double velocity[3];    ///< its slope, m/s
-    double f[IPE_CABLES_MAX];       ///< tensions, N
-    double f_slope[IPE_CABLES_MAX]; ///< their slopes, N/s
-    double R[3][3];        ///< P to W in the window's middle
+    int64_t t_ns;                    ///< its middle
+    double length;                   ///< s
+    double s[3];                     ///< specific force, m/s2
+    double w[3];                     ///< rate, rad/s
+    double ww[6];                    ///< rate products xx yy zz yz xz xy, rad2/s2
+    double alpha[3];                 ///< angular acceleration, rad/s2
+    double y[IPE_NY];                ///< wrench, N, N m
+    double p[3];                     ///< position of P in W, m
+    double velocity[3];              ///< its slope, m/s
+    double f[IPE_CABLES_MAX];        ///< tensions, N
+    double f_slope[IPE_CABLES_MAX];  ///< their slopes, N/s
+    double R[3][3];                  ///< P to W in the window's middle
     int n_rows;
 } ipe_average_t;
 
@@ -51,13 +51,13 @@ enum {
 };
 
 typedef struct {
-    double weight;         ///< sum phi d
-    double moment;         ///< sum phi d t
-    double slope_weight;   ///< sum phi' d
-    double slope_moment;   ///< sum phi' d t
+    double weight;                 ///< sum phi d
+    double moment;                 ///< sum phi d t
+    double slope_weight;           ///< sum phi' d
+    double slope_moment;           ///< sum phi' d t
     double channel[IPE_CHANNELS];  ///< sum phi d channel
     double slope[IPE_SLOPES];      ///< sum phi' d channel
-    double R[3][3];        ///< of the last row up to the middle
+    double R[3][3];                ///< of the last row up to the middle
     int n_rows;
 } ipe_accumulator_t;
 
@@ -70,22 +70,22 @@ typedef struct {
     double max_gap;        ///< s
 
     bool is_running;
-    int64_t origin_ns;     ///< start of window 0
-    uint64_t first;        ///< index of the oldest open window
+    int64_t origin_ns;  ///< start of window 0
+    uint64_t first;     ///< index of the oldest open window
     ipe_accumulator_t open[IPE_WINDOWS_OPEN];
     struct {
         int64_t t_ns;
         double channel[IPE_CHANNELS];
         double R[3][3];
-    } previous;            ///< the row that waits for its successor's stamp
-    double spacing;        ///< s between previous and the one before
-    int n_measured;        ///< intervals seen while measuring the period
+    } previous;                            ///< the row that waits for its successor's stamp
+    double spacing;                        ///< s between previous and the one before
+    int n_measured;                        ///< intervals seen while measuring the period
     double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
 
-    uint64_t n_rows;       ///< taken in
-    uint64_t n_windows;    ///< finished
-    uint64_t n_restarts;   ///< gaps that threw the open windows away
-    uint64_t n_backwards;  ///< rows refused: stamp not after the one before
+    uint64_t n_rows;                       ///< taken in
+    uint64_t n_windows;                    ///< finished
+    uint64_t n_restarts;                   ///< gaps that threw the open windows away
+    uint64_t n_backwards;                  ///< rows refused: stamp not after the one before
 } ipe_window_t;
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);

@@ -44,8 +44,8 @@ static void wrench_of(const double force[3], const double attachment[3], const d
     vec3_cross(arm, force, wrench + 3);
 }
 
-ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], const double R[3][3], const double point[3],
-                               double W[IPE_NY][IPE_CABLES_MAX], double sag[IPE_NY])
+ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], const double R[3][3],
+                               const double point[3], double W[IPE_NY][IPE_CABLES_MAX], double sag[IPE_NY])
 {
     memset(sag, 0, IPE_NY * sizeof(double));
     for (int i = 0; i < config->n_cables; ++i) {
@@ -79,7 +79,8 @@ static void count_limits(ipe_wrench_stage_t* w, const double f[IPE_CABLES_MAX])
     w->n_overload += is_overloaded;
 }
 
-ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion, ipe_wrench_t* wrench)
+ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion,
+                                 ipe_wrench_t* wrench)
 {
     const ipe_config_t* k = w->config;
     motion_from_row(w, row, motion);

@@ -15,27 +15,28 @@
 
 typedef struct {
     const ipe_config_t* config;
-    double R_PI[3][3];          ///< I axes to P axes
-    double yaw[3][3];           ///< Rz(world_yaw)
-    double correction[3][3];    ///< R_PI^T exp(attitude_bias)
+    double R_PI[3][3];        ///< I axes to P axes
+    double yaw[3][3];         ///< Rz(world_yaw)
+    double correction[3][3];  ///< R_PI^T exp(attitude_bias)
 
-    uint64_t n_rows;            ///< rows turned into a wrench
-    uint64_t n_geometry;        ///< rows refused: a cable without direction
-    uint64_t n_slack;           ///< rows used with a cable below its tension_min
-    uint64_t n_overload;        ///< rows used with a cable above its tension_max
+    uint64_t n_rows;          ///< rows turned into a wrench
+    uint64_t n_geometry;      ///< rows refused: a cable without direction
+    uint64_t n_slack;         ///< rows used with a cable below its tension_min
+    uint64_t n_overload;      ///< rows used with a cable above its tension_max
 } ipe_wrench_stage_t;
 
 /// config is kept by pointer and must outlive the stage.
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config);
 
 /// IPE_OK, or IPE_ERR_GEOMETRY: counted, motion and wrench not to be used.
-ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion, ipe_wrench_t* wrench);
+ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion,
+                                 ipe_wrench_t* wrench);
 
 /// Columns of the wrench matrix W [6][n_cables] and the weight's wrench sag [6] at the body point (P, m) for the pose
 /// p, R: wrench = W f + sag, P axes.
 ///
 /// IPE_OK or IPE_ERR_GEOMETRY. No state.
-ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], const double R[3][3], const double point[3],
-                               double W[IPE_NY][IPE_CABLES_MAX], double sag[IPE_NY]);
+ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], const double R[3][3],
+                               const double point[3], double W[IPE_NY][IPE_CABLES_MAX], double sag[IPE_NY]);
 
 #endif

@@ -296,7 +296,7 @@ static void test_decode_frame_same_id_on_other_buses_is_another_message(void)
 
         TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_decode_frame(&decode, &f, &sample));  // when
 
-        TEST_ASSERT_EQUAL_INT(1, sample.n);  // then
+        TEST_ASSERT_EQUAL_INT(1, sample.n);                                     // then
         TEST_ASSERT_EQUAL_DOUBLE(9.0 + 1000.0 * bus, sample.item[0].value);
     }
 }

@@ -419,7 +419,7 @@ static void test_flush_lets_the_last_rows_out(void)
     for (int k = 0; k <= 1001; ++k) {
         push_sample(&pipeline, k);
         (void)drain(&pipeline);
-    }                                                                 // given
+    }  // given
     const uint64_t before = counter("window.rows");
     ipe_pipeline_flush(&pipeline);                                    // when
     (void)drain(&pipeline);

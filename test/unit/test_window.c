@@ -131,7 +131,7 @@ static void test_push_sinusoidal_rate_gives_its_filtered_derivative(void)
 
 static void test_push_sinusoid_on_an_uneven_grid_is_averaged_by_time_not_by_row(void)
 {
-    uint64_t n = 0;  // given: spacings of 0.4 .. 1.6 ms
+    uint64_t n = 0;                                     // given: spacings of 0.4 .. 1.6 ms
     for (double t = 0.0; t < 3.0; t += 1e-9 * round(1e6 * between(&seed, 0.4, 1.6))) {
         if (push(t, sinusoid) != IPE_OK) { continue; }  // when
         ++n;

@@ -35,7 +35,9 @@ inline Theta shift(Theta theta, const Vector3& d) noexcept
 inline ipe_body_t body(const Theta& theta, const Covariance& P)
 {
     ipe_body_t out;
-    if (ipe_body_from_theta(theta.data(), as_array(P), &out) != IPE_OK) { throw std::domain_error("mass is not positive"); }
+    if (ipe_body_from_theta(theta.data(), as_array(P), &out) != IPE_OK) {
+        throw std::domain_error("mass is not positive");
+    }
     return out;
 }
 

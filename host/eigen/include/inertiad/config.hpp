@@ -22,7 +22,8 @@ public:
     {
         Config config;
         char message[256] = "";
-        if (ipe_config_from_bytes(static_cast<const uint8_t*>(data), size, &config.c_, message, sizeof message) != IPE_OK) {
+        if (ipe_config_from_bytes(static_cast<const uint8_t*>(data), size, &config.c_, message, sizeof message) !=
+            IPE_OK) {
             throw std::invalid_argument(message);
         }
         return config;
@@ -36,6 +37,16 @@ public:
         if (ipe_config_load(path.c_str(), &config.c_, message, sizeof message) != IPE_OK) {
             throw std::invalid_argument(message);
         }
+        return config;
+    }
+
+    /// A copy of a C configuration, checked.
+    static Config from(const ipe_config_t& c)
+    {
+        Config config;
+        char message[256] = "";
+        if (ipe_config_check(&c, message, sizeof message) != IPE_OK) { throw std::invalid_argument(message); }
+        config.c_ = c;
         return config;
     }
 

@@ -17,7 +17,9 @@ public:
     void init(const Config& config)
     {
         char message[256] = "";
-        if (ipe_pipeline_init(p_, &config.c(), message, sizeof message) != IPE_OK) { throw std::invalid_argument(message); }
+        if (ipe_pipeline_init(p_, &config.c(), message, sizeof message) != IPE_OK) {
+            throw std::invalid_argument(message);
+        }
     }
     ipe_status_t push_frame(const ipe_frame_t& frame) noexcept { return ipe_pipeline_push_frame(p_, &frame); }
     ipe_status_t push_position(int64_t t_ns, const Vector3& position) noexcept

@@ -29,7 +29,7 @@ public:
     Eigen::Map<const Eigen::VectorXd> x() const noexcept { return Eigen::Map<const Eigen::VectorXd>(s_->x, s_->n); }
     Eigen::MatrixXd P() const
     {
-        Eigen::MatrixXd P(s_->n, s_->n);   // symmetric: its order of storage does not matter
+        Eigen::MatrixXd P(s_->n, s_->n);  // symmetric: its order of storage does not matter
         ipe_rls_covariance(s_, s_->n, P.data());
         return P;
     }
