@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Python module inertiad_core: the C core through its C++ layer. Arrays are numpy float64, C order; N is any number of
 /// samples, m the number of cables. Units and frames as in the C headers named at each function.
+#include "binding.hpp"
+
 #include <inertiad/body.hpp>
 #include <inertiad/cable.hpp>
 #include <inertiad/config.hpp>
@@ -8,52 +10,16 @@
 #include <inertiad/rls.hpp>
 #include <inertiad/windows.hpp>
 
-#include <nanobind/eigen/dense.h>
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/string.h>
-
-#include <memory>
 #include <string>
 
 extern "C" {
+#include "noise.h"
 #include "window.h"
 }
 
-namespace nb = nanobind;
-using namespace nb::literals;
-
 namespace {
 
-template <typename... Shape>
-using In = nb::ndarray<const double, nb::numpy, nb::c_contig, nb::device::cpu, nb::shape<Shape::value...>>;
-template <nb::ssize_t N>
-using Dim = std::integral_constant<nb::ssize_t, N>;
-using InN3 = In<Dim<-1>, Dim<3>>;
-using InN33 = In<Dim<-1>, Dim<3>, Dim<3>>;
-
-/// A new numpy array of the given shape, zero-filled, that owns its memory.
-template <std::size_t Rank>
-struct Out {
-    explicit Out(const std::size_t (&shape_)[Rank])
-    {
-        std::size_t n = 1;
-        for (std::size_t i = 0; i < Rank; ++i) { n *= shape[i] = shape_[i]; }
-        data = new double[n]();
-    }
-    nb::ndarray<nb::numpy, double> release() const
-    {
-        nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-        return {data, Rank, shape, owner};
-    }
-    std::size_t shape[Rank];
-    double* data;
-};
-
-void require_rows(std::size_t n, std::size_t other, const char* name)
-{
-    if (n != other) { throw std::invalid_argument(std::string(name) + ": needs as many rows as the first argument"); }
-}
+using namespace binding;
 
 nb::tuple cable_geometry(const inertiad::Config& config, const InN3& p, const InN33& R)
 {
@@ -112,83 +78,15 @@ nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN
     return Y.release();
 }
 
-nb::dict body_dict(const ipe_body_t& b)
-{
-    nb::dict d;
-    d["mass"] = b.mass, d["mass_std"] = b.mass_std;
-    const auto list = [](const double* v, std::size_t n) {
-        nb::list l;
-        for (std::size_t i = 0; i < n; ++i) { l.append(v[i]); }
-        return l;
-    };
-    d["cog"] = list(b.cog, 3), d["cog_std"] = list(b.cog_std, 3);
-    d["inertia_cog"] = list(b.inertia_cog, 6), d["inertia_cog_std"] = list(b.inertia_cog_std, 6);
-    return d;
-}
-
-/// A pipeline with its own state, on the heap of the host.
-struct OwnedPipeline {
-    explicit OwnedPipeline(const inertiad::Config& config) : state(std::make_unique<ipe_pipeline_t>()), view(*state)
-    {
-        view.init(config);
-    }
-
-    int push_frame(int64_t t_ns, int bus, uint32_t can_id, const nb::bytes& data, int flags)
-    {
-        if (data.size() > IPE_DATA_MAX) { throw std::invalid_argument("data: more than 64 bytes"); }
-        if (bus < 0 || bus >= IPE_BUSES_MAX) { throw std::invalid_argument("bus: allowed 0 .. 7"); }
-        ipe_frame_t frame{};
-        frame.t_ns = t_ns;
-        frame.bus = static_cast<uint8_t>(bus);
-        frame.can_id = can_id;
-        frame.flags = static_cast<uint8_t>(flags);
-        frame.length = static_cast<uint8_t>(data.size());
-        std::memcpy(frame.data, data.c_str(), data.size());
-        return view.push_frame(frame);
-    }
-
-    nb::dict counters() const
-    {
-        nb::dict d;
-        uint64_t value = 0;
-        for (unsigned i = 0; const char* name = ipe_pipeline_counter(state.get(), i, &value); ++i) { d[name] = value; }
-        return d;
-    }
-
-    nb::dict estimate() const
-    {
-        const ipe_estimate_t& e = view.estimate();
-        nb::dict d = body_dict(e.body);
-        d["t_ns"] = e.t_ns, d["n_windows"] = e.n_windows, d["n_rows"] = e.n_rows;
-        d["systematic"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(e.systematic, e.n_systematic));
-        d["systematic_std"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(e.systematic_std, e.n_systematic));
-        nb::list observable;
-        for (const bool o : e.observable) { observable.append(o); }
-        d["observable"] = observable, d["n_changes"] = e.n_changes, d["distance"] = e.distance;
-        d["consistent"] = e.consistent, d["nis"] = e.nis;
-        d["theta"] = inertiad::Theta(view.theta());
-        d["covariance"] = inertiad::Covariance(view.covariance());
-        return d;
-    }
-
-    /// Step until no row is ready, keeping the rows.
-    void drain()
-    {
-        ipe_row_t row;
-        for (int status; (status = view.step(row)) != IPE_NOT_READY;) {
-            if (status >= IPE_OK) { rows.push_back(row); }
-        }
-    }
-
-    std::unique_ptr<ipe_pipeline_t> state;
-    inertiad::Pipeline view;
-    std::vector<ipe_row_t> rows;
-};
-
 /// The weak equations of a run's rows.
 struct Windows {
     Windows(const inertiad::Config& config_, const OwnedPipeline& run)
-        : config(config_), window(inertiad::windows_of(config_, run.rows))
+        : Windows(config_, run.rows)
+    {
+    }
+    Windows(const inertiad::Config& config_, const Rows& run) : Windows(config_, run.row) {}
+    Windows(const inertiad::Config& config_, const std::vector<ipe_row_t>& rows)
+        : config(config_), window(inertiad::windows_of(config_, rows))
     {
     }
 
@@ -288,6 +186,131 @@ nb::dict averages(const inertiad::Config& config, const nb::ndarray<const int64_
     return d;
 }
 
+/// Planned samples of a motion, in rows: what ipe_row_t is to a measured one.
+struct Plan {
+    const InN3 &s, &w, &p;
+    const InN33& R;
+    const In<Dim<-1>, Dim<-1>>& f;
+
+    void check(const inertiad::Config& config, std::size_t n) const
+    {
+        require_rows(n, s.shape(0), "s");
+        require_rows(n, w.shape(0), "w");
+        require_rows(n, p.shape(0), "p");
+        require_rows(n, R.shape(0), "R");
+        require_rows(n, f.shape(0), "f");
+        if (f.shape(1) != static_cast<std::size_t>(config.n_cables())) { throw std::invalid_argument("f: needs a column per cable"); }
+    }
+};
+
+/// [Y, -X] of one window in the filter's states, row-major [6][n].
+void filter_equations(const inertiad::Config& config, const ipe_average_t& average, const inertiad::Theta& theta, double* H)
+{
+    const std::size_t n_xi = static_cast<std::size_t>(ipe_systematic_filter_count(config.n_cables()));
+    const inertiad::Regressor Y = inertiad::regressor(average);
+    const inertiad::SystematicColumns X = inertiad::systematic_columns(config, average, theta);
+    for (Eigen::Index j = 0; j < IPE_NY; ++j) {
+        H = std::copy_n(&Y(j, 0), IPE_NP, H);
+        for (std::size_t i = 0; i < n_xi; ++i) { *H++ = -X(j, static_cast<Eigen::Index>(i)); }
+    }
+}
+
+/// [Y, -X] of the windows that a planned motion will be averaged to.
+nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p, const InN33& R,
+                          const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
+{
+    const Plan plan{s, w, p, R, f};
+    const std::size_t n = s.shape(0), m = f.shape(1);
+    plan.check(config, n);
+    ipe_config_t sampled = config.c();
+    sampled.sample_rate = rate;
+    ipe_window_t window;
+    ipe_window_init(&window, &sampled);
+    std::vector<ipe_average_t> found;
+    for (std::size_t k = 0; k < n; ++k) {
+        ipe_motion_t motion{};
+        ipe_wrench_t wrench{};
+        ipe_average_t average;
+        std::copy_n(s.data() + 3 * k, 3, motion.s);
+        std::copy_n(w.data() + 3 * k, 3, motion.w);
+        std::copy_n(p.data() + 3 * k, 3, motion.p);
+        std::copy_n(R.data() + 9 * k, 9, &motion.R[0][0]);
+        std::copy_n(f.data() + m * k, m, wrench.f);
+        const auto t_ns = static_cast<int64_t>(std::llround(1e9 * static_cast<double>(k + 1) / rate));
+        if (ipe_window_push(&window, t_ns, &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
+    }
+    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
+    Out<3> H({found.size(), IPE_NY, n_x});
+    Out<2> motion({found.size(), 6});
+    for (std::size_t k = 0; k < found.size(); ++k) {
+        filter_equations(config, found[k], theta, H.data + IPE_NY * n_x * k);
+        std::copy_n(found[k].w, 3, motion.data + 6 * k);
+        std::copy_n(found[k].alpha, 3, motion.data + 6 * k + 3);
+    }
+    return nb::make_tuple(H.release(), motion.release(), window.length);
+}
+
+/// [Y, -X] as if a window saw nothing but the one instant.
+nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, const InN3& s, const InN3& w, const InN3& alpha,
+                                                const InN3& p, const InN3& velocity, const InN33& R,
+                                                const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
+{
+    const std::size_t n = s.shape(0), m = f.shape(1);
+    Plan{s, w, p, R, f}.check(config, n);
+    require_rows(n, alpha.shape(0), "alpha");
+    require_rows(n, velocity.shape(0), "velocity");
+    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
+    Out<3> H({n, IPE_NY, n_x});
+    for (std::size_t k = 0; k < n; ++k) {
+        ipe_average_t average{};
+        std::copy_n(s.data() + 3 * k, 3, average.s);
+        std::copy_n(w.data() + 3 * k, 3, average.w);
+        std::copy_n(alpha.data() + 3 * k, 3, average.alpha);
+        std::copy_n(p.data() + 3 * k, 3, average.p);
+        std::copy_n(velocity.data() + 3 * k, 3, average.velocity);
+        std::copy_n(R.data() + 9 * k, 9, &average.R[0][0]);
+        std::copy_n(f.data() + m * k, m, average.f);
+        ipe_rate_products(average.w, average.ww);
+        filter_equations(config, average, theta, H.data + IPE_NY * n_x * k);
+    }
+    return H.release();
+}
+
+/// Covariance [10,10] of theta about the IMU that the filter ends with on equations H, y: its own prior, its own noise level,
+/// learnt from y. As update_filter() in firmware/core/pipeline.c does it, without change detection and forgetting.
+inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, Dim<6>, Dim<-1>>& H, const In<Dim<-1>, Dim<6>>& y)
+{
+    const ipe_config_t& k = config.c();
+    const int n_xi = ipe_systematic_filter_count(k.n_cables);
+    const auto n_x = static_cast<std::size_t>(IPE_NP + n_xi);
+    require_rows(H.shape(0), y.shape(0), "y");
+    if (H.shape(2) != n_x) { throw std::invalid_argument("H: must have " + std::to_string(n_x) + " columns"); }
+    const inertiad::Vector3 to_imu = -Eigen::Map<const inertiad::Vector3>(k.imu_position);
+    inertiad::Theta theta = Eigen::Map<const inertiad::Theta>(k.prior_theta);
+    inertiad::Covariance P = Eigen::Map<const inertiad::Covariance>(&k.prior_covariance[0][0]);
+    ipe_body_shift(to_imu.data(), theta.data(), inertiad::as_array(P));
+    double std[IPE_XI_MAX];
+    ipe_systematic_std(&k, std);
+    for (int i = 0; i < n_xi; ++i) { std[i] = std::max(std[i], 1e-12); }
+    ipe_rls_t rls;
+    ipe_noise_t noise;
+    if (ipe_noise_init(&noise, k.residual_covariance) != IPE_OK ||
+        ipe_rls_init(&rls, theta.data(), inertiad::as_array(P), n_xi, std) != IPE_OK) {
+        throw std::invalid_argument("config: the filter refuses its prior");
+    }
+    std::vector<double> rows(IPE_NY * n_x);
+    for (std::size_t i = 0; i < H.shape(0); ++i) {
+        double innovation[IPE_NY], S[IPE_NY][IPE_NY], nis;
+        const double* y_i = y.data() + IPE_NY * i;
+        std::copy_n(H.data() + rows.size() * i, rows.size(), rows.begin());
+        ipe_rls_innovation(&rls, rows.data(), y_i, innovation, S);
+        if (ipe_rls_update(&rls, rows.data(), y_i, noise.L, &nis) != IPE_OK) { throw std::invalid_argument("H, y: NaN or Inf"); }
+        ipe_noise_push(&noise, innovation, S);
+    }
+    ipe_rls_covariance(&rls, IPE_NP, P.data());
+    return P;
+}
+
 uint64_t decode_raw(const nb::bytes& data, int start, int length, bool big_endian, bool is_signed)
 {
     uint8_t padded[72] = {0};
@@ -368,6 +391,15 @@ NB_MODULE(inertiad_core, m)
     m.def("is_consistent", &inertiad::is_consistent, "theta"_a, "Can a body with these parameters exist? consistency.h");
     m.def("averages", &averages, "config"_a, "t_ns"_a, "s"_a, "w"_a, "y"_a,
           "dict of t [M], s, w, alpha [M,3], ww, y [M,6] and length: the weak form's windows of N rows. window.h");
+    m.def("planned_windows", &planned_windows, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "theta"_a,
+          "(H [M,6,21+2m], rate and angular acceleration [M,6], window length): the filter's equations [Y, -X] of the windows that a "
+          "motion sampled at rate [Hz] will be averaged to; s, w [N,3] at the IMU, P axes; p [N,3], R [N,3,3] pose of P; tensions f "
+          "[N,m]; theta [10] about the IMU. window.h, systematic.h");
+    m.def("planned_instants", &planned_instants, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "velocity"_a, "R"_a, "f"_a, "theta"_a,
+          "[Y, -X] [N,6,21+2m] of single instants. systematic.h");
+    m.def("rehearse", &rehearse, "config"_a, "H"_a, "y"_a,
+          "Covariance [10,10] of theta about the IMU after the filter took y [M,6] = H [M,6,21+2m] x + noise, from its own prior and "
+          "with the noise level it learns. rls.h, noise.h");
     m.def("decode_raw", &decode_raw, "data"_a, "start"_a, "length"_a, "big_endian"_a, "is_signed"_a,
           "Raw bits of a signal, extended to 64 bits. decode.h");
     m.def("decode_frame", &decode_frame, "config"_a, "bus"_a, "can_id"_a, "data"_a, "{quantity number: SI value}. decode.h");
@@ -378,6 +410,13 @@ NB_MODULE(inertiad_core, m)
         .def("update", &OwnedRls::update, "H"_a, "y"_a, "L"_a, "Fold in y [6] = H [6,n] x + e, cov(e) = L L^T; returns NIS.")
         .def_prop_ro("x", [](const OwnedRls& r) { return Eigen::VectorXd(r.view.x()); }, "[n]")
         .def_prop_ro("P", [](const OwnedRls& r) { return r.view.P(); }, "[n,n]");
+
+    nb::class_<ipe_clock_t>(m, "Clock", "A device's clock against the host's, by the lower convex hull. clock.h")
+        .def("__init__", [](ipe_clock_t* c, double wrap) { ipe_clock_init(new (c) ipe_clock_t{}, wrap); }, "wrap"_a = 0.0,
+             "wrap [s]: device time starts again at 0 after this; 0: never.")
+        .def("map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
+             "device"_a, "host_ns"_a, "Learn from one pair; host time [ns] of the device's instant [s].")
+        .def_ro("n_steps", &ipe_clock_t::n_steps);
 
     nb::class_<OwnedPipeline>(m, "Pipeline", "CAN frames and positions in, estimate out. pipeline.h")
         .def(nb::init<const inertiad::Config&>(), "config"_a)
@@ -394,6 +433,7 @@ NB_MODULE(inertiad_core, m)
 
     nb::class_<Windows>(m, "Windows", "The weak equations y = Y theta - X xi + noise of the rows a Pipeline kept. window.h, systematic.h")
         .def(nb::init<const inertiad::Config&, const OwnedPipeline&>(), "config"_a, "run"_a)
+        .def(nb::init<const inertiad::Config&, const Rows&>(), "config"_a, "run"_a)
         .def_prop_ro("t", &Windows::t, nb::rv_policy::move, "[M] s since the first")
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
@@ -405,4 +445,5 @@ NB_MODULE(inertiad_core, m)
         std::copy_n(std, out.shape[0], out.data);
         return out.release();
     }, "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
+    bind_batch(m);
 }

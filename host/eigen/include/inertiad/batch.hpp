@@ -1,0 +1,495 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Batch identification: theta of one or more bodies and, if wanted, the systematic parameters xi of the sensors they share.
+///
+///   y(xi) - Y(xi) theta_g = e,   e ~ N(0, V_run);   theta_g ~ N(theta_0, P_0),  xi ~ N(0, diag(std^2))
+/// Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is exact, and
+/// takes [Y, -X] of systematic.h as its derivative. Steps are solved by QR of the whitened, prior-scaled rows. V_run, the
+/// residuals' long-run covariance (Newey, West 1987; noise.h has the idea), is renewed during the first steps.
+/// Where the attachments really are is known to std_geometry: their errors are unknowns too, as soon as xi is estimated; else
+/// a millimetre of them would pass for newtons of offset. Known differences of mass between groups are rows of their own, and so is what a gyro's mean says of its bias beside the
+/// attitude. Heap: as much as the data need. No state, any thread.
+#pragma once
+
+#include "body.hpp"
+#include "calibrated.hpp"
+#include "windows.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace inertiad {
+
+/// A recorded run: its rows, and which body hung on the robot.
+struct BatchRun {
+    const std::vector<ipe_row_t>* rows;
+    int group;
+};
+
+struct BatchSettings {
+    std::vector<double> payload;  ///< kg, of each group, beside what all groups have in common; size: number of groups
+    double payload_std = 0.01;    ///< kg
+    bool is_payload_known = false;  ///< mass differences between groups are data
+    std::vector<bool> is_free;      ///< of each xi; empty: all
+    double theta_prior = 1.0;       ///< factor on the prior sigmas of theta
+    int n_weight_steps = 4;         ///< steps after which V_run is left alone; 0: the configured covariance holds
+    int n_steps_max = 20;
+};
+
+/// What a group's data say about its body, about P.
+struct BatchBody {
+    Theta theta;              ///< as the data have it
+    Theta theta_possible;     ///< the nearest in the metric of P that a body can have
+    Covariance P;
+    ipe_body_t body;          ///< of theta_possible
+    bool is_consistent;
+    double distance;          ///< Mahalanobis squared, theta to theta_possible
+    bool observable[IPE_NP];  ///< of mass, CoG, inertia about it: sigma at most half the prior's
+};
+
+/// How well a run agrees.
+struct BatchFit {
+    std::size_t n_rows, n_windows, n_rest;
+    Vector6 rms;        ///< of the windows' residual, N, N m
+    Vector6 noise_std;  ///< root of the diagonal of V_run
+};
+
+struct BatchResult {
+    std::vector<BatchBody> body;  ///< by group
+    std::vector<BatchFit> fit;    ///< by run
+    Eigen::VectorXd xi;           ///< corrections to the configured calibration
+    Eigen::VectorXd xi_std;       ///< published
+    Eigen::MatrixXd P;            ///< published covariance of all theta (about the IMU), the free xi, the attachments
+    Eigen::VectorXd prior_std;    ///< of the same unknowns
+    std::vector<int> free;        ///< indices of the free xi
+    int n_steps;
+    double last_step;             ///< largest change of the last step in posterior sigmas
+};
+
+namespace detail {
+
+constexpr double COVERAGE = 1.0;  // on every sigma; the platform needs 1.25 for the attachments, which it cannot model
+constexpr double STATIC_RATE = 0.02;   // rad/s and
+constexpr double STATIC_ALPHA = 0.01;  // rad/s2: below both for
+constexpr int STATIC_WINDOWS = 5;      // windows in a row: rest, as on the platform; here only if
+constexpr double STATIC_TURN = 0.002;  // rad/s, the attitude does not turn either, so that a slow start is no rest
+constexpr int LAGS = 25;
+constexpr double PRIOR_WINDOWS = 20.0;
+constexpr double CONVERGED = 1e-3;   // sigmas
+constexpr double SMALLEST_STD = 1e-12;
+constexpr double GYRO_FLOOR = 1e-6;  // rad/s
+
+/// The windows of one run under one calibration.
+struct Linearised {
+    std::vector<ipe_average_t> window;
+    std::vector<bool> is_rest;
+};
+
+/// rad/s by which the attitude turned over the two windows before k, or none where there are none.
+inline double turn_rate(const std::vector<ipe_average_t>& window, std::size_t k)
+{
+    if (k < 2) { return 0.0; }
+    const Eigen::Matrix3d before = Eigen::Map<const Matrix3>(&window[k - 2].R[0][0]);
+    const Eigen::Matrix3d after = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+    return rotation_vector(before.transpose() * after).norm() /
+           (1e-9 * static_cast<double>(window[k].t_ns - window[k - 2].t_ns));
+}
+
+/// At rest, rate and acceleration are sensor noise: taken as they are they would wear the inertia down. Only where rest
+/// prevails: few such windows do no harm, and a slow start taken for rest would.
+inline void gate_rest(Linearised& run)
+{
+    int n_slow = 0;
+    run.is_rest.assign(run.window.size(), false);
+    for (std::size_t k = 0; k < run.window.size(); ++k) {
+        const ipe_average_t& a = run.window[k];
+        const bool is_slow = turn_rate(run.window, k) < STATIC_TURN &&
+                             Eigen::Map<const Vector3>(a.w).norm() < STATIC_RATE &&
+                             Eigen::Map<const Vector3>(a.alpha).norm() < STATIC_ALPHA;
+        n_slow = is_slow ? n_slow + 1 : 0;
+        run.is_rest[k] = n_slow >= STATIC_WINDOWS;
+    }
+    const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
+    for (std::size_t k = 0; k < run.window.size() && 2 * n_rest > run.window.size(); ++k) {
+        if (!run.is_rest[k]) { continue; }
+        std::fill_n(run.window[k].w, 3, 0.0);
+        std::fill_n(run.window[k].ww, 6, 0.0);
+        std::fill_n(run.window[k].alpha, 3, 0.0);
+    }
+}
+
+inline Linearised linearise(const Config& config, const std::vector<ipe_row_t>& rows, const Eigen::VectorXd& xi)
+{
+    const int m = config.n_cables();
+    const Config corrected = calibrated(config, xi);
+    const double force_delay = xi[IPE_XI_FORCE + 2 * m + 3];
+    return {windows_of(corrected, undelayed(rows, m, xi[IPE_XI_POSITION_DELAY], force_delay)), {}};
+}
+
+/// True where window k follows window k - lag without a gap.
+inline bool follows(const std::vector<ipe_average_t>& window, std::size_t k, std::size_t lag)
+{
+    const double hop = 0.25 * window[k].length;
+    return 1e-9 * static_cast<double>(window[k].t_ns - window[k - lag].t_ns) < (static_cast<double>(lag) + 0.5) * hop;
+}
+
+/// Long-run second moment of a series of vectors, Bartlett weights, products across gaps left out; a sum over windows.
+template <int N>
+Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& window,
+                                         const std::vector<Eigen::Matrix<double, N, 1>>& e)
+{
+    Eigen::Matrix<double, N, N> sum = Eigen::Matrix<double, N, N>::Zero();
+    for (std::size_t k = 0; k < e.size(); ++k) {
+        Eigen::Matrix<double, N, 1> past = 0.5 * e[k];
+        for (std::size_t lag = 1; lag <= std::min<std::size_t>(LAGS, k); ++lag) {
+            if (!follows(window, k, lag)) { break; }
+            past += (1.0 - static_cast<double>(lag) / (LAGS + 1)) * e[k - lag];
+        }
+        sum += e[k] * past.transpose() + past * e[k].transpose();
+    }
+    return sum;
+}
+
+/// V_run from the residuals and, counting for 20 windows, the configured covariance.
+inline Eigen::Matrix<double, 6, 6> run_covariance(const Config& config, const std::vector<ipe_average_t>& window,
+                                                  const std::vector<Eigen::Matrix<double, 6, 1>>& e)
+{
+    const Eigen::Matrix<double, 6, 6> C = Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]);
+    const Eigen::Matrix<double, 6, 6> sum = long_run_sum<6>(window, e);
+    Eigen::Matrix<double, 6, 6> V = C;
+    for (int i = 0; i < 6; ++i) {
+        const double learnt =
+            (PRIOR_WINDOWS * C(i, i) + std::max(sum(i, i), 0.0)) / (PRIOR_WINDOWS + static_cast<double>(e.size()));
+        const double scale = std::sqrt(std::max(learnt / C(i, i), 1e-4));
+        V.row(i) *= scale;
+        V.col(i) *= scale;
+    }
+    return V;
+}
+
+/// d(wrench)/d(attachment) [6][3 m] of a window: a force that acts elsewhere. Throws where a cable has no direction.
+inline Eigen::MatrixXd geometry_columns(const ipe_config_t& c, const ipe_average_t& a)
+{
+    double W[IPE_NY][IPE_CABLES_MAX], sag[IPE_NY];
+    if (ipe_wrench_matrix(&c, a.p, a.R, c.imu_position, W, sag) != IPE_OK) {
+        throw std::domain_error("a cable has no direction near a window's pose");
+    }
+    Eigen::MatrixXd G = Eigen::MatrixXd::Zero(6, 3 * c.n_cables);
+    for (int i = 0; i < c.n_cables; ++i) {
+        const Vector3 force = a.f[i] * Vector3(W[0][i], W[1][i], W[2][i]);
+        for (int k = 0; k < 3; ++k) { G.block<3, 1>(3, 3 * i + k) = Vector3::Unit(k).cross(force); }
+    }
+    return G;
+}
+
+/// Rows of a least-squares problem, kept as the triangle of their QR factors: any number of rows in little memory.
+class Triangle {
+public:
+    explicit Triangle(Eigen::Index n) : n_(n), R_(Eigen::MatrixXd::Zero(n + 1, n + 1)) {}
+    /// Fold in rows [A, b] of unit variance.
+    void add(const Eigen::MatrixXd& Ab)
+    {
+        Eigen::MatrixXd stacked(R_.rows() + Ab.rows(), n_ + 1);
+        stacked << R_, Ab;
+        const Eigen::HouseholderQR<Eigen::Ref<Eigen::MatrixXd>> qr(stacked);
+        R_ = stacked.topRows(n_ + 1).template triangularView<Eigen::Upper>();
+    }
+    Eigen::VectorXd solve() const { return factor().solve(R_.col(n_).head(n_)); }
+    Eigen::MatrixXd covariance() const
+    {
+        const Eigen::MatrixXd inverse = factor().solve(Eigen::MatrixXd::Identity(n_, n_));
+        return inverse * inverse.transpose();
+    }
+
+private:
+    Eigen::TriangularView<const Eigen::Block<const Eigen::MatrixXd>, Eigen::Upper> factor() const
+    {
+        return R_.topLeftCorner(n_, n_).template triangularView<Eigen::Upper>();
+    }
+    Eigen::Index n_;
+    Eigen::MatrixXd R_;
+};
+
+/// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in the equations.
+struct Problem {
+    Problem(const Config& config_, const std::vector<BatchRun>& runs_, const BatchSettings& settings_)
+        : config(config_), runs(runs_), settings(settings_), n_groups(static_cast<int>(settings.payload.size()))
+    {
+        const int n_xi = ipe_systematic_count(config.n_cables());
+        std_xi.resize(IPE_XI_MAX);
+        ipe_systematic_std(&config.c(), std_xi.data());
+        std_xi.conservativeResize(n_xi);
+        std_xi = std_xi.cwiseMax(SMALLEST_STD);
+        for (int i = 0; i < n_xi; ++i) {
+            if (settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)]) { free.push_back(i); }
+        }
+        at_geometry = IPE_NP * n_groups + static_cast<int>(free.size());
+        n_geometry = free.empty() || config.c().std_geometry <= 0.0 ? 0 : 3 * config.n_cables();
+        n = at_geometry + n_geometry;
+        geometry = Eigen::VectorXd::Zero(n_geometry);
+        set_prior();
+        scale.tail(n_geometry).setConstant(config.c().std_geometry);
+        xi = Eigen::VectorXd::Zero(n_xi);
+        V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
+    }
+
+    void set_prior()
+    {
+        const Vector3 to_imu = -Eigen::Map<const Vector3>(config.c().imu_position);
+        scale = Eigen::VectorXd::Ones(n);
+        for (int g = 0; g < n_groups; ++g) {
+            Theta mean = Eigen::Map<const Theta>(config.c().prior_theta);
+            Covariance P = Eigen::Map<const Covariance>(&config.c().prior_covariance[0][0]);
+            loosen(settings.payload[static_cast<std::size_t>(g)], mean, P);
+            prior_std_body.push_back(body_std(mean, P));
+            P *= settings.theta_prior * settings.theta_prior;
+            ipe_body_shift(to_imu.data(), mean.data(), as_array(P));
+            prior_mean.push_back(mean);
+            const Eigen::MatrixXd L = P.llt().matrixL();
+            prior_rows.push_back(L.inverse());
+            scale.segment<IPE_NP>(IPE_NP * g) = P.diagonal().cwiseSqrt();
+        }
+        theta = prior_mean;
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            scale[IPE_NP * n_groups + static_cast<Eigen::Index>(i)] = std_xi[free[i]];
+        }
+    }
+
+    /// A payload somewhere within the platform's size comes to the prior body.
+    void loosen(double payload, Theta& mean, Covariance& P) const
+    {
+        double size2 = 0.0;
+        for (int i = 0; i < config.n_cables(); ++i) {
+            size2 += Eigen::Map<const Vector3>(config.c().cable[i].attachment).squaredNorm() / config.n_cables();
+        }
+        mean[0] += payload;
+        for (int i = 0; i < IPE_NP; ++i) {
+            const double std = i == 0 ? 0.1 * payload : i < 4 ? payload * std::sqrt(size2) : payload * size2;
+            P(i, i) += std * std;
+        }
+    }
+
+    static ipe_body_t body_std(const Theta& mean, const Covariance& P)
+    {
+        ipe_body_t b{};
+        (void)ipe_body_from_theta(mean.data(), as_array(P), &b);
+        return b;
+    }
+
+    /// Residuals [6] of a linearised run's windows.
+    std::vector<Eigen::Matrix<double, 6, 1>> residuals(const Linearised& run, int group, const Config& corrected) const
+    {
+        std::vector<Eigen::Matrix<double, 6, 1>> e;
+        for (const ipe_average_t& a : run.window) {
+            e.push_back(Eigen::Map<const Vector6>(a.y) - regressor(a) * theta[static_cast<std::size_t>(group)]);
+            if (n_geometry > 0) { e.back() += geometry_columns(corrected.c(), a) * geometry; }
+        }
+        return e;
+    }
+
+    /// Whitened rows [A, b] of a run.
+    Eigen::MatrixXd rows(const Linearised& run, int group, const Eigen::Matrix<double, 6, 6>& C,
+                         const Config& corrected) const
+    {
+        const Eigen::Matrix<double, 6, 6> L = C.llt().matrixL();
+        const auto e = residuals(run, group, corrected);
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(e.size()), n + 1);
+        for (std::size_t k = 0; k < e.size(); ++k) {
+            auto block = Ab.middleRows(6 * static_cast<Eigen::Index>(k), 6);
+            block.middleCols(IPE_NP * group, IPE_NP) = regressor(run.window[k]);
+            if (!free.empty()) {
+                const SystematicColumns X =
+                    systematic_columns(corrected, run.window[k], theta[static_cast<std::size_t>(group)]);
+                for (std::size_t i = 0; i < free.size(); ++i) {
+                    block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
+                }
+            }
+            if (n_geometry > 0) {
+                block.middleCols(at_geometry, n_geometry) = -geometry_columns(corrected.c(), run.window[k]);
+            }
+            block.col(n) = e[k];
+            block = L.triangularView<Eigen::Lower>().solve(block.eval());
+        }
+        return scaled(Ab);
+    }
+
+    Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
+    {
+        Ab.leftCols(n) = Ab.leftCols(n) * scale.asDiagonal();
+        return Ab;
+    }
+
+    /// Priors of theta and xi, and known mass differences.
+    Eigen::MatrixXd prior() const
+    {
+        const int n_known = settings.is_payload_known ? n_groups - 1 : 0;
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(n + n_known, n + 1);
+        for (int g = 0; g < n_groups; ++g) {
+            const auto at = static_cast<std::size_t>(g);
+            Ab.block(IPE_NP * g, IPE_NP * g, IPE_NP, IPE_NP) = prior_rows[at];
+            Ab.col(n).segment(IPE_NP * g, IPE_NP) = prior_rows[at] * (prior_mean[at] - theta[at]);
+        }
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            const Eigen::Index row = IPE_NP * n_groups + static_cast<Eigen::Index>(i);
+            Ab(row, row) = 1.0 / std_xi[free[i]];
+            Ab(row, n) = -xi[free[i]] / std_xi[free[i]];
+        }
+        for (int i = 0; i < n_geometry; ++i) {
+            Ab(at_geometry + i, at_geometry + i) = 1.0 / scale[at_geometry + i];
+            Ab(at_geometry + i, n) = -geometry[i] / scale[at_geometry + i];
+        }
+        for (int g = 1; g <= n_known; ++g) {
+            const auto at = static_cast<std::size_t>(g);
+            Ab(n + g - 1, IPE_NP * g) = 1.0 / settings.payload_std;
+            Ab(n + g - 1, 0) = -1.0 / settings.payload_std;
+            Ab(n + g - 1, n) =
+                (settings.payload[at] - settings.payload[0] - theta[at][0] + theta[0][0]) / settings.payload_std;
+        }
+        return scaled(Ab);
+    }
+
+    /// Mean difference between the gyro and the change of attitude: the gyro's bias, three rows; none where it is not free.
+    Eigen::MatrixXd gyro_rows(const std::vector<ipe_average_t>& window) const
+    {
+        const int first = IPE_XI_FORCE + 2 * config.n_cables();
+        const auto at = std::find(free.begin(), free.end(), first);
+        std::vector<Eigen::Vector3d> d;
+        std::vector<ipe_average_t> kept;
+        for (std::size_t k = 4; k < window.size(); ++k) {
+            if (!follows(window, k, 4)) { continue; }
+            const Eigen::Matrix3d before = Eigen::Map<const Matrix3>(&window[k - 4].R[0][0]);
+            const Eigen::Matrix3d after = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+            const double dt = 1e-9 * static_cast<double>(window[k].t_ns - window[k - 4].t_ns);
+            d.push_back(Eigen::Map<const Vector3>(window[k - 2].w) - rotation_vector(before.transpose() * after) / dt);
+            kept.push_back(window[k]);
+        }
+        if (at == free.end() || d.size() < 2 * LAGS) { return Eigen::MatrixXd(0, n + 1); }
+        Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+        for (const Eigen::Vector3d& v : d) { mean += v / static_cast<double>(d.size()); }
+        for (Eigen::Vector3d& v : d) { v -= mean; }
+        const double count = static_cast<double>(d.size());
+        const double variance = long_run_sum<3>(kept, d).trace() / 3.0 / (count * count);
+        const double std = std::sqrt(std::max(variance, 0.0) + GYRO_FLOOR * GYRO_FLOOR);
+        const double* q = config.c().imu_orientation;
+        const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(3, n + 1);
+        Ab.middleCols(IPE_NP * n_groups + (at - free.begin()), 3) = R_PI / std;
+        Ab.col(n) = mean / std;
+        return scaled(Ab);
+    }
+
+    /// One Gauss-Newton step. Returns its largest size in posterior sigmas.
+    double step(bool is_weight_renewed)
+    {
+        Triangle triangle(n);
+        fit.clear();
+        const Config corrected = calibrated(config, xi);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            Linearised run = linearise(config, *runs[r].rows, xi);
+            const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            gate_rest(run);
+            const auto e = residuals(run, runs[r].group, corrected);
+            if (is_weight_renewed) { V[r] = run_covariance(config, run.window, e); }
+            note(run, r, e);
+            if (!e.empty()) { triangle.add(rows(run, runs[r].group, V[r], corrected)); }
+            if (gyro.rows() > 0) { triangle.add(gyro); }
+        }
+        triangle.add(prior());
+        const Eigen::VectorXd u = triangle.solve();
+        const Eigen::MatrixXd unit = triangle.covariance();
+        P = scale.asDiagonal() * unit * scale.asDiagonal();
+        move(scale.cwiseProduct(u));
+        return (u.array().abs() / unit.diagonal().array().sqrt()).maxCoeff();
+    }
+
+    void note(const Linearised& run, std::size_t r, const std::vector<Eigen::Matrix<double, 6, 1>>& e)
+    {
+        Vector6 sum = Vector6::Zero();
+        for (const auto& v : e) { sum += v.cwiseAbs2(); }
+        const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
+        fit.push_back({runs[r].rows->size(), e.size(), n_rest,
+                       (sum / std::max<double>(1.0, static_cast<double>(e.size()))).cwiseSqrt(),
+                       V[r].diagonal().cwiseSqrt()});
+    }
+
+    void move(const Eigen::VectorXd& dz)
+    {
+        for (int g = 0; g < n_groups; ++g) { theta[static_cast<std::size_t>(g)] += dz.segment<IPE_NP>(IPE_NP * g); }
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            xi[free[i]] += dz[IPE_NP * n_groups + static_cast<Eigen::Index>(i)];
+        }
+        geometry += dz.tail(n_geometry);
+    }
+
+    const Config& config;
+    const std::vector<BatchRun>& runs;
+    const BatchSettings& settings;
+    int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
+    std::vector<int> free;
+    Eigen::VectorXd std_xi, scale, xi, geometry;
+    std::vector<Theta> prior_mean, theta;
+    std::vector<Eigen::MatrixXd> prior_rows;
+    std::vector<ipe_body_t> prior_std_body;
+    std::vector<Eigen::Matrix<double, 6, 6>> V;
+    std::vector<BatchFit> fit;
+    Eigen::MatrixXd P;
+};
+
+/// What is published about one group's body, by the rules of pipeline.c.
+inline BatchBody publish(const Problem& problem, int group)
+{
+    const ipe_config_t& c = problem.config.c();
+    BatchBody b{};
+    b.theta = problem.theta[static_cast<std::size_t>(group)];
+    b.P = COVERAGE * COVERAGE * problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group);
+    ipe_body_shift(c.imu_position, b.theta.data(), as_array(b.P));
+    b.is_consistent = ipe_consistency_check(b.theta.data());
+    if (!ipe_consistency_project(b.theta.data(), as_array(b.P), b.theta_possible.data(), &b.distance)) {
+        throw std::domain_error("no body that can exist is near the estimate");
+    }
+    const double geometry = problem.n_geometry > 0 ? 0.0 : b.theta_possible[0] * c.std_geometry;
+    for (int i = 1; i < 4; ++i) { b.P(i, i) += geometry * geometry / c.n_cables; }
+    if (ipe_body_from_theta(b.theta_possible.data(), as_array(b.P), &b.body) != IPE_OK) {
+        throw std::domain_error("mass is not positive");
+    }
+    const ipe_body_t& prior = problem.prior_std_body[static_cast<std::size_t>(group)];
+    b.observable[0] = 2.0 * b.body.mass_std <= prior.mass_std;
+    for (int i = 0; i < 3; ++i) { b.observable[1 + i] = 2.0 * b.body.cog_std[i] <= prior.cog_std[i]; }
+    for (int i = 0; i < 6; ++i) { b.observable[4 + i] = 2.0 * b.body.inertia_cog_std[i] <= prior.inertia_cog_std[i]; }
+    return b;
+}
+
+}  // namespace detail
+
+/// Solve. Throws std::domain_error with the reason where there is nothing to solve or no body comes out.
+inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
+{
+    detail::Problem problem(config, runs, settings);
+    BatchResult result{};
+    for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
+        const int step = result.n_steps;
+        result.last_step = problem.step(step > 1 && step <= 1 + settings.n_weight_steps);
+        if (!std::isfinite(result.last_step)) { throw std::domain_error("the equations have no finite solution"); }
+        if (step > settings.n_weight_steps && result.last_step < detail::CONVERGED) { break; }
+    }
+    std::size_t n_windows = 0;
+    for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
+    if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }
+    for (int g = 0; g < problem.n_groups; ++g) { result.body.push_back(detail::publish(problem, g)); }
+    result.fit = problem.fit;
+    result.free = problem.free;
+    result.prior_std = problem.scale;
+    result.P = detail::COVERAGE * detail::COVERAGE * problem.P;
+    result.xi = problem.xi;
+    result.xi_std = problem.std_xi;
+    for (std::size_t i = 0; i < problem.free.size(); ++i) {
+        const Eigen::Index at = IPE_NP * problem.n_groups + static_cast<Eigen::Index>(i);
+        result.xi_std[problem.free[i]] = std::sqrt(result.P(at, at));
+    }
+    return result;
+}
+
+}  // namespace inertiad

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The daemon's estimates for a C++ controller: the newest ESTIMATE message, and the wrench a motion needs.
+///
+///   wrench = Y(s, w, alpha) theta,   s = R^T (a + g z)         about P, platform axes
+/// One thread: handle() takes in what has come; ready within the time given or not at all. liblcm allocates per message.
+#pragma once
+
+#include "body.hpp"
+
+#include <lcm/lcm.h>
+
+#include <stdexcept>
+#include <string>
+
+extern "C" {
+#include "inertiad_lcm_estimate_t.h"
+}
+
+namespace inertiad {
+
+/// Force and moment about P that give a body theta the acceleration a of P (W, m/s2), at rate w and angular acceleration
+/// alpha (P axes), in attitude R (P to W), with gravity g along -z of W. N, N m, platform axes.
+inline Vector6 feed_forward(const Theta& theta, const Matrix3& R, const Vector3& a, const Vector3& w,
+                            const Vector3& alpha, double g)
+{
+    const Vector3 s = R.transpose() * (a + g * Vector3::UnitZ());
+    return regressor(s, w, alpha) * theta;
+}
+
+/// Subscribes to PREFIX + "ESTIMATE". Neither copied nor moved: LCM knows its address.
+class Estimates {
+public:
+    explicit Estimates(const std::string& url, const std::string& prefix = "INERTIAD_") : lcm_(lcm_create(url.c_str()))
+    {
+        if (lcm_ == nullptr) { throw std::runtime_error(url + ": cannot open this LCM URL"); }
+        (void)inertiad_lcm_estimate_t_subscribe(lcm_, (prefix + "ESTIMATE").c_str(), &Estimates::on_message, this);
+    }
+    ~Estimates() { lcm_destroy(lcm_); }
+    Estimates(const Estimates&) = delete;
+    Estimates& operator=(const Estimates&) = delete;
+
+    /// Wait at most timeout_ms for messages. False once a log has ended.
+    bool handle(int timeout_ms) { return lcm_handle_timeout(lcm_, timeout_ms) >= 0; }
+    /// Messages so far.
+    int count() const noexcept { return count_; }
+    /// m, h, J about P, of the newest.
+    const Theta& theta() const noexcept { return theta_; }
+    const Covariance& covariance() const noexcept { return covariance_; }
+    /// Is it a body that can exist, as measured?
+    bool is_consistent() const noexcept { return is_consistent_; }
+
+private:
+    static void on_message(const lcm_recv_buf_t*, const char*, const inertiad_lcm_estimate_t* message, void* user)
+    {
+        auto* self = static_cast<Estimates*>(user);
+        self->theta_ = Eigen::Map<const Theta>(message->theta);
+        self->covariance_ = Eigen::Map<const Covariance>(&message->covariance[0][0]);
+        self->is_consistent_ = message->consistent != 0;
+        ++self->count_;
+    }
+
+    lcm_t* lcm_;
+    Theta theta_ = Theta::Zero();
+    Covariance covariance_ = Covariance::Zero();
+    bool is_consistent_ = false;
+    int count_ = 0;
+};
+
+}  // namespace inertiad

@@ -1,0 +1,271 @@
+// SPDX-License-Identifier: Apache-2.0
+/// Part of inertiad_core: whole runs into rows, and batch identification on them.
+#include "../binding.hpp"
+
+#include <inertiad/batch.hpp>
+#include <inertiad/windows.hpp>
+
+#include <nanobind/stl/unique_ptr.h>
+
+#include <algorithm>
+
+extern "C" {
+#include "align.h"
+#include "replay.h"
+}
+
+using namespace binding;
+
+namespace {
+
+using Times = nb::ndarray<const int64_t, nb::numpy, nb::c_contig, nb::device::cpu, nb::ndim<1>>;
+using Table = nb::ndarray<const double, nb::numpy, nb::c_contig, nb::device::cpu, nb::ndim<2>>;
+
+void require_columns(const Table& table, std::size_t n, const char* name)
+{
+    if (table.shape(1) != n) {
+        throw std::invalid_argument(std::string(name) + ": needs " + std::to_string(n) + " columns");
+    }
+}
+
+/// Closes what it opened, whatever happens in between.
+struct Replay {
+    Replay() : state(std::make_unique<ipe_replay_t>()) {}
+    Replay(const Replay&) = delete;
+    ~Replay() { ipe_replay_close(state.get()); }
+    std::unique_ptr<ipe_replay_t> state;
+};
+
+/// Everything in the logs and the tracker file through a pipeline, in the order of the stamps; no log line is an error.
+void play(ipe_replay_t& replay, OwnedPipeline& pipeline)
+{
+    ipe_replay_item_t item;
+    for (;;) {
+        const ipe_replay_status_t status = ipe_replay_next(&replay, &item);
+        if (status == IPE_REPLAY_END) { break; }
+        if (status == IPE_REPLAY_WAIT) {
+            ipe_replay_fill(&replay);
+            continue;
+        }
+        if (status == IPE_REPLAY_FRAME) {
+            (void)ipe_pipeline_push_frame(pipeline.state.get(), item.frame);
+        } else {
+            (void)ipe_pipeline_push_position(pipeline.state.get(), item.position->t_ns, item.position->position);
+        }
+        pipeline.drain();
+    }
+    pipeline.view.flush();
+    pipeline.drain();
+}
+
+/// A run's files through a pipeline. interfaces: of each bus, "" for all frames of its log.
+std::unique_ptr<OwnedPipeline> read_run(const inertiad::Config& config, const std::vector<std::string>& logs,
+                                        const std::vector<std::string>& interfaces, const std::string& tracker)
+{
+    if (logs.size() > IPE_BUSES_MAX || interfaces.size() != logs.size()) {
+        throw std::invalid_argument("logs: at most 8 buses");
+    }
+    auto pipeline = std::make_unique<OwnedPipeline>(config);
+    Replay replay;
+    for (std::size_t i = 0; i < logs.size(); ++i) {
+        const char* interface = interfaces[i].empty() ? nullptr : interfaces[i].c_str();
+        if (ipe_source_file_open(&replay.state->bus[i], logs[i].c_str(), static_cast<uint8_t>(i), interface) != 0) {
+            throw std::invalid_argument(logs[i] + ": cannot open");
+        }
+        ++replay.state->n_buses;
+    }
+    if (!tracker.empty()) {
+        char message[256] = "";
+        if (ipe_source_tracker_file_open(&replay.state->tracker, tracker.c_str(), message, sizeof message) != 0) {
+            throw std::invalid_argument(message);
+        }
+        replay.state->has_tracker = true;
+    }
+    play(*replay.state, *pipeline);
+    return pipeline;
+}
+
+Rows rows_of(const OwnedPipeline& pipeline)
+{
+    return {pipeline.rows, pipeline.state->config.n_cables};
+}
+
+/// Next row that is ready, until there is none.
+void pop_all(ipe_align_t& align, std::vector<ipe_row_t>& rows)
+{
+    ipe_row_t row;
+    while (ipe_align_pop(&align, &row) == IPE_OK) { rows.push_back(row); }
+}
+
+/// Signals and positions aligned as on the platform.
+Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Table& imu, const Table& f,
+                   const Times& position_t_ns, const Table& position)
+{
+    ipe_config_t c = config.c();
+    c.attitude_source = IPE_ATTITUDE_QUATERNION;
+    require_columns(imu, 10, "imu");
+    require_columns(f, static_cast<std::size_t>(c.n_cables), "f");
+    require_columns(position, 3, "position");
+    auto align = std::make_unique<ipe_align_t>();
+    ipe_align_init(align.get(), &c);
+    Rows rows{{}, c.n_cables};
+    rows.row.reserve(t_ns.shape(0));
+    std::size_t j = 0;
+    const auto push_positions = [&](int64_t until) {
+        for (; j < position_t_ns.shape(0) && position_t_ns.data()[j] <= until; ++j) {
+            (void)ipe_align_push(align.get(), IPE_POSITION, position_t_ns.data()[j], position.data() + 3 * j);
+            pop_all(*align, rows.row);
+        }
+    };
+    for (std::size_t k = 0; k < t_ns.shape(0); ++k) {
+        push_positions(t_ns.data()[k]);
+        (void)ipe_align_push(align.get(), IPE_IMU, t_ns.data()[k], imu.data() + 10 * k);
+        (void)ipe_align_push(align.get(), IPE_FORCE, t_ns.data()[k], f.data() + f.shape(1) * k);
+        pop_all(*align, rows.row);
+    }
+    push_positions(INT64_MAX);
+    align->is_ending = true;
+    pop_all(*align, rows.row);
+    return rows;
+}
+
+/// A member of all rows as [N, n].
+template <typename Read>
+nb::ndarray<nb::numpy, double> column(const Rows& rows, std::size_t n, Read read)
+{
+    Out<2> out({rows.row.size(), n});
+    for (std::size_t k = 0; k < rows.row.size(); ++k) { std::copy_n(read(rows.row[k]), n, out.data + n * k); }
+    return out.release();
+}
+
+nb::ndarray<nb::numpy, double> times(const Rows& rows)
+{
+    Out<1> out({rows.row.size()});
+    for (std::size_t k = 0; k < rows.row.size(); ++k) { out.data[k] = 1e-9 * static_cast<double>(rows.row[k].t_ns); }
+    return out.release();
+}
+
+Rows make_rows(const Times& t_ns, const Table& acc, const Table& gyro, const Table& q, const Table& position,
+               const Table& f)
+{
+    require_columns(acc, 3, "acc");
+    require_columns(gyro, 3, "gyro");
+    require_columns(q, 4, "q");
+    require_columns(position, 3, "position");
+    const std::size_t n = t_ns.shape(0), m = f.shape(1);
+    if (m > IPE_CABLES_MAX) { throw std::invalid_argument("f: at most 16 columns"); }
+    for (const Table* table : {&acc, &gyro, &q, &position, &f}) {
+        if (table->shape(0) != n) { throw std::invalid_argument("all arguments need as many rows as t_ns"); }
+    }
+    Rows rows{std::vector<ipe_row_t>(n), static_cast<int>(m)};
+    for (std::size_t k = 0; k < n; ++k) {
+        ipe_row_t& row = rows.row[k];
+        row.t_ns = t_ns.data()[k];
+        std::copy_n(acc.data() + 3 * k, 3, row.acc);
+        std::copy_n(gyro.data() + 3 * k, 3, row.gyro);
+        std::copy_n(q.data() + 4 * k, 4, row.q);
+        std::copy_n(position.data() + 3 * k, 3, row.position);
+        std::copy_n(f.data() + m * k, m, row.f);
+    }
+    return rows;
+}
+
+nb::dict body_result(const inertiad::BatchBody& b)
+{
+    nb::dict d = body_dict(b.body);
+    d["theta"] = b.theta, d["theta_possible"] = b.theta_possible, d["covariance"] = b.P;
+    d["consistent"] = b.is_consistent, d["distance"] = b.distance;
+    nb::list observable;
+    for (const bool o : b.observable) { observable.append(o); }
+    d["observable"] = observable;
+    return d;
+}
+
+nb::dict fit_result(const inertiad::BatchFit& f)
+{
+    nb::dict d;
+    d["n_rows"] = f.n_rows, d["n_windows"] = f.n_windows, d["n_rest"] = f.n_rest;
+    d["rms"] = f.rms, d["noise_std"] = f.noise_std;
+    return d;
+}
+
+nb::dict solve(const inertiad::Config& config, const std::vector<const Rows*>& runs, const std::vector<int>& group,
+               const std::vector<double>& payload, bool is_payload_known, double payload_std,
+               const std::vector<bool>& is_free, double theta_prior, int n_weight_steps)
+{
+    std::vector<inertiad::BatchRun> batch;
+    if (group.size() != runs.size()) { throw std::invalid_argument("group: needs one entry per run"); }
+    for (std::size_t i = 0; i < runs.size(); ++i) {
+        if (group[i] < 0 || group[i] >= static_cast<int>(payload.size())) {
+            throw std::invalid_argument("group: out of range");
+        }
+        batch.push_back({&runs[i]->row, group[i]});
+    }
+    inertiad::BatchSettings settings;
+    settings.payload = payload, settings.is_payload_known = is_payload_known, settings.payload_std = payload_std;
+    settings.is_free = is_free, settings.theta_prior = theta_prior, settings.n_weight_steps = n_weight_steps;
+    if (!is_free.empty() && is_free.size() != static_cast<std::size_t>(ipe_systematic_count(config.n_cables()))) {
+        throw std::invalid_argument("is_free: needs one entry per systematic parameter");
+    }
+    const inertiad::BatchResult r = inertiad::solve(config, batch, settings);
+    nb::dict d;
+    nb::list bodies, fits;
+    for (const auto& b : r.body) { bodies.append(body_result(b)); }
+    for (const auto& f : r.fit) { fits.append(fit_result(f)); }
+    d["body"] = bodies, d["fit"] = fits, d["xi"] = r.xi, d["xi_std"] = r.xi_std, d["free"] = r.free;
+    d["covariance"] = r.P, d["prior_std"] = r.prior_std, d["n_steps"] = r.n_steps, d["last_step"] = r.last_step;
+    return d;
+}
+
+}  // namespace
+
+void bind_batch(nb::module_& m)
+{
+    nb::class_<Rows>(m, "Rows", "Aligned rows of a run, as measured: ipe_row_t in types.h.")
+        .def(
+            "__init__",
+            [](Rows* self, const Times& t_ns, const Table& acc, const Table& gyro, const Table& q,
+               const Table& position, const Table& f) { new (self) Rows(make_rows(t_ns, acc, gyro, q, position, f)); },
+            "t_ns"_a, "acc"_a, "gyro"_a, "q"_a, "position"_a, "f"_a)
+        .def("__len__", [](const Rows& r) { return r.row.size(); })
+        .def_prop_ro("t", &times, nb::rv_policy::move, "[N] s")
+        .def_prop_ro(
+            "acc", [](const Rows& r) { return column(r, 3, [](const ipe_row_t& x) { return x.acc; }); },
+            nb::rv_policy::move, "[N,3] I axes, m/s2")
+        .def_prop_ro(
+            "gyro", [](const Rows& r) { return column(r, 3, [](const ipe_row_t& x) { return x.gyro; }); },
+            nb::rv_policy::move, "[N,3] I axes, rad/s")
+        .def_prop_ro(
+            "q", [](const Rows& r) { return column(r, 4, [](const ipe_row_t& x) { return x.q; }); },
+            nb::rv_policy::move, "[N,4] w x y z, I to W")
+        .def_prop_ro(
+            "position", [](const Rows& r) { return column(r, 3, [](const ipe_row_t& x) { return x.position; }); },
+            nb::rv_policy::move, "[N,3] tracked point, W, m")
+        .def_prop_ro(
+            "f",
+            [](const Rows& r) {
+                return column(r, static_cast<std::size_t>(r.n_cables), [](const ipe_row_t& x) { return x.f; });
+            },
+            nb::rv_policy::move, "[N,m] N");
+
+    m.def(
+        "read_run", &read_run, "config"_a, "logs"_a, "interfaces"_a, "tracker"_a,
+        "Pipeline that has read candump logs, one per bus (interface name, or \"\" for all), and a tracker CSV (or \"\").",
+        nb::call_guard<nb::gil_scoped_release>());
+    m.def("rows_of", &rows_of, "pipeline"_a, "The rows a Pipeline kept.");
+    m.def(
+        "align_signals", &align_signals, "config"_a, "t_ns"_a, "imu"_a, "f"_a, "position_t_ns"_a, "position"_a,
+        "Rows of imu [N,10] (acc, gyro, q w x y z), f [N,m] at t_ns [N] and position [K,3] at position_t_ns [K]. align.h");
+    m.def(
+        "undelayed",
+        [](const Rows& r, double position, double force) {
+            return Rows{inertiad::undelayed(r.row, r.n_cables, position, force), r.n_cables};
+        },
+        "rows"_a, "position_delay"_a, "force_delay"_a,
+        "Rows as if position and forces had come that much [s] earlier.");
+    m.def("calibrated", &inertiad::calibrated, "config"_a, "xi"_a, "The configuration with corrections xi [15+2m].");
+    m.def(
+        "batch", &solve, "config"_a, "runs"_a, "group"_a, "payload"_a, "is_payload_known"_a = false,
+        "payload_std"_a = 0.01, "is_free"_a = std::vector<bool>{}, "theta_prior"_a = 1.0, "n_weight_steps"_a = 4,
+        "Gauss-Newton over theta of each group and the free systematic parameters. ValueError: no solution. batch.hpp");
+}

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes of wiring, units and mounting, told from the data and named in words an engineer acts on.
+
+Two kinds. What a look at the signals shows: nothing moves, a cable is slack, a sensor saturates, gravity has the
+wrong sign, positions are in mm. And what a trial shows: the same runs are fitted again as if two channels were
+exchanged, the IMU turned, a pulley of another size; where the residual falls to less than half, and below every
+other trial's, that is the mistake. Trials are plain weighted least squares, so one costs milliseconds.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import inertiad_core
+from inertiad import runs
+from inertiad.compile import platform_size, typical_mass
+from inertiad.robot import Robot
+from inertiad.runs import Recording
+from inertiad.table import Array
+
+ROWS_MAX: Final = 4_000
+"""rows of a run that trials look at"""
+FALLS_TO: Final = 0.5
+"""of the residual as it is: a trial that beats this names the mistake"""
+WORTH_A_TRIAL: Final = 0.01
+"""residual, of the weight, below which nothing is looked for"""
+STUCK_SHARE: Final = 0.02
+SLACK_SHARE: Final = 0.01
+RADII: Final = (0.0, 0.5, 2.0)
+FORCE_UNITS: Final = (("kN", 1e3), ("kg", 9.80665), ("lbf", 4.4482), ("daN", 10.0), ("mN", 1e-3))
+TURN_NAMES: Final = {0: "x", 1: "y", 2: "z"}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A way in which the data may have been meant."""
+
+    words: str
+    config: Any
+    rows: list[Any]
+
+
+def _short(rows: Any) -> Any:
+    """The first rows, enough for a trial."""
+    n = min(len(rows), ROWS_MAX)
+    return _rows(rows, n, rows.f[:n])
+
+
+def _rows(rows: Any, n: int, f: Array, acc: Array | None = None, position: Array | None = None) -> Any:
+    t_ns = np.rint(1e9 * rows.t[:n]).astype(np.int64)
+    acc = rows.acc[:n] if acc is None else acc
+    position = rows.position[:n] if position is None else position
+    arrays = [np.ascontiguousarray(a) for a in (acc, rows.gyro[:n], rows.q[:n], position, f)]
+    return inertiad_core.Rows(t_ns, *arrays)
+
+
+def residual(config: Any, size: float, rows: list[Any]) -> float:
+    """N: root mean square of the windows' residual force, and moment over the platform's size [m], of a plain fit."""
+    weight = np.repeat([1.0, 1.0 / size], 3)
+    windows = [inertiad_core.Windows(config, r) for r in rows]
+    found = [(w.Y * weight[:, None], w.y * weight) for w in windows if len(w.y)]
+    if not found:
+        return np.inf
+    Y = np.concatenate([y.reshape(-1, 10) for y, _ in found])
+    y = np.concatenate([y.ravel() for _, y in found])
+    e = y - Y @ np.linalg.lstsq(Y, y, rcond=1e-9)[0]
+    return float(np.sqrt(6.0 * np.mean(e**2)))
+
+
+def _exchanges(robot: Robot, rows: list[Any]) -> Iterator[Trial]:
+    config = runs.config_of(robot, robot.name)
+    for i, j in combinations(range(robot.n_cables), 2):
+        order = list(range(robot.n_cables))
+        order[i], order[j] = j, i
+        swapped = [_rows(r, len(r), r.f[:, order]) for r in rows]
+        yield Trial(f"cables {i + 1} and {j + 1} look swapped: residual falls {{}} if exchanged", config, swapped)
+
+
+def _right_angles() -> Iterator[tuple[str, Rotation]]:
+    """Turns by right angles about one axis, by name."""
+    for axis in range(3):
+        for angle in (180, 90, -90):
+            yield f"{angle} deg about {TURN_NAMES[axis]}", Rotation.from_rotvec(np.deg2rad(angle) * np.eye(3)[axis])
+
+
+def _turns(robot: Robot, rows: list[Any]) -> Iterator[Trial]:
+    mounted = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
+    for name, turn in _right_angles():
+        q = (turn * mounted).as_quat(canonical=True, scalar_first=True).tolist()
+        turned = robot.model_copy(update={"imu": robot.imu.model_copy(update={"orientation": q})})
+        upside = " (mounted upside down)" if abs(turn.as_matrix()[2, 2] + 1.0) < 1e-9 else ""
+        yield Trial(
+            f"the IMU looks turned by {name} against robot.toml{upside}: residual falls {{}} with imu.orientation = "
+            f"[{', '.join(f'{v:.4f}' for v in q)}]",
+            runs.config_of(turned, robot.name),
+            rows,
+        )
+
+
+def _radii(robot: Robot, rows: list[Any]) -> Iterator[Trial]:
+    given = [c.pulley_radius for c in robot.cable]
+    guesses = {0.0, *(factor * r for r in given for factor in RADII)} if max(given) > 0.0 else {0.05}
+    for radius in sorted(guesses - set(given)):
+        cables = [c.model_copy(update={"pulley_radius": radius}) for c in robot.cable]
+        words = f"pulley_radius looks wrong: residual falls {{}} with {radius:g} m instead of {given[0]:g} m"
+        yield Trial(words, runs.config_of(robot.model_copy(update={"cable": cables}), robot.name), rows)
+
+
+def _trials(robot: Robot, recordings: list[Recording]) -> list[str]:
+    """The trial that explains the data best, if one does."""
+    rows = [_short(run.rows) for run in recordings]
+    size = platform_size(robot)
+    before = residual(runs.config_of(robot, robot.name), size, rows)
+    if not before > WORTH_A_TRIAL * _force_scale(rows):
+        return []
+    best, least = None, FALLS_TO * before
+    for make in (_exchanges, _turns, _radii):
+        for trial in make(robot, rows):
+            now = residual(trial.config, size, trial.rows)
+            if now < least:
+                best, least = trial.words, now
+    return [] if best is None else [best.format(f"from {before:.3g} N to {least:.3g} N")]
+
+
+def _force_scale(rows: list[Any]) -> float:
+    """N: what the cables pull, all together, on average."""
+    return float(np.mean([np.abs(r.f).sum(axis=1).mean() for r in rows]))
+
+
+def _tracker_unit(robot: Robot, run: Recording) -> list[str]:
+    span = max(float(np.abs([c.anchor for c in robot.cable]).max()), 1.0)
+    far = float(np.median(np.abs(run.rows.position).max(axis=1)))
+    if far < 10.0 * span:
+        return []
+    return [f"{run.path}: tracked positions are {far:.0f} m away, the anchors {span:.1f} m: is the tracker in mm?"]
+
+
+def _gravity(robot: Robot, run: Recording) -> list[str]:
+    """Mean specific force in W must be +g along z."""
+    q = Rotation.from_quat(run.rows.q, scalar_first=True)
+    s = q.apply(run.rows.acc).mean(axis=0)
+    g = robot.gravity
+    if np.linalg.norm(s - [0.0, 0.0, g]) < 0.3 * g:
+        return []
+    if np.linalg.norm(s - np.array([0.0, 0.0, -g])) < 0.3 * g:
+        return [
+            f"{run.path}: at rest the accelerometer says {s[2]:.2f} m/s2 along z of the world, it must say +{g:.2f}: "
+            "gravity has the wrong sign, or the IMU gives acceleration the other way round"
+        ]
+    if np.linalg.norm(s) < 0.3 * g:
+        return [f"{run.path}: the accelerometer shows no gravity: it must give specific force, not acceleration"]
+    if abs(np.linalg.norm(s) - 1.0) < 0.3:
+        return [f"{run.path}: the accelerometer's mean is {np.linalg.norm(s):.2f} m/s2: is it in g?"]
+    return [
+        f"{run.path}: mean specific force in the world is {s[0]:.2f}, {s[1]:.2f}, {s[2]:.2f} m/s2, not 0, 0, {g:.2f}: "
+        "accelerometer and attitude do not belong together; look at axes and at the quaternion's order"
+    ]
+
+
+def _gyro_unit(run: Recording) -> list[str]:
+    rows = run.rows
+    q = Rotation.from_quat(rows.q, scalar_first=True)
+    step = max(1, round(0.1 / float(np.median(np.diff(rows.t))))) if len(rows) > 1 else 1
+    if len(rows) < 4 * step:
+        return []
+    turned = (q[:-step].inv() * q[step:]).as_rotvec() / (rows.t[step:] - rows.t[:-step])[:, None]
+    moving = np.linalg.norm(turned, axis=1)
+    if moving.max() < 0.05:
+        return []
+    middle = rows.gyro[step // 2 : step // 2 + len(turned)]
+    slope = float((middle * turned).sum() / (turned * turned).sum())
+    if abs(slope - 1.0) < 0.3:
+        return []
+    if abs(slope / np.rad2deg(1.0) - 1.0) < 0.3:
+        return [f"{run.path}: the gyro is {slope:.1f} times what the attitude says: is it in deg/s?"]
+    return [f"{run.path}: the gyro is {slope:.2f} times what the attitude says: look at its axes, sign and unit"]
+
+
+def _force_unit(robot: Robot, recordings: list[Recording]) -> list[str]:
+    """The force along gravity against the nominal mass, else against what the cables are made for."""
+    lifted = []
+    light = [c.model_copy(update={"weight_per_length": 0.0}) for c in robot.cable]  # its weight has a unit of its own
+    config = runs.config_of(robot.model_copy(update={"cable": light}), robot.name)
+    for run in recordings:
+        windows = inertiad_core.Windows(config, run.rows)
+        if len(windows.y):
+            lifted.append(float(np.median(np.linalg.norm(windows.y[:, :3], axis=1))))
+    if not lifted or robot.gravity <= 0.0:
+        return []
+    measured, expected = float(np.median(lifted)), typical_mass(robot) * robot.gravity
+    if robot.nominal is None and measured > 1e-2 * expected:
+        return []
+    name, factor = min(FORCE_UNITS, key=lambda unit: abs(np.log(measured * unit[1] / expected)))
+    if abs(np.log(measured / expected)) < np.log(3.0) or abs(np.log(measured * factor / expected)) > np.log(1.6):
+        return []
+    return [
+        f"the cables lift {measured:.4g} N, {expected:.4g} N are expected: are the forces in {name}? "
+        f"They would lift {measured * factor:.4g} N"
+    ]
+
+
+def _slack(robot: Robot, run: Recording) -> list[str]:
+    f, found = run.rows.f, []
+    for i, cable in enumerate(robot.cable):
+        share = float((f[:, i] < 0.5 * cable.tension_min).mean())
+        if cable.tension_min > 0.0 and share > SLACK_SHARE:
+            found.append(
+                f"{run.path}: cable {i + 1} is slack for {100 * share:.0f} % of the time: "
+                f"{f[:, i].min():.1f} N at least, tension_min is {cable.tension_min:g} N"
+            )
+    return found if len(found) < robot.n_cables else []
+
+
+def _saturated(run: Recording) -> list[str]:
+    """A channel that sits on its own extreme value much of the time while others move."""
+    found = []
+    channels = [(f"force sensor {i + 1}", run.rows.f[:, i]) for i in range(run.rows.f.shape[1])]
+    channels += [(f"accelerometer {a}", run.rows.acc[:, i]) for i, a in enumerate("xyz")]
+    channels += [(f"gyro {a}", run.rows.gyro[:, i]) for i, a in enumerate("xyz")]
+    for name, x in channels:
+        spread = float(x.max() - x.min())
+        if spread <= 0.0:
+            if len(x) > 100 and name.startswith("force"):
+                found.append(f"{run.path}: {name} is stuck at {x[0]:.6g}")
+            continue
+        for extreme in (x.max(), x.min()):
+            share = float((x == extreme).mean())
+            if share > STUCK_SHARE and len(x) > 100 and len(np.unique(x)) > 20:
+                found.append(f"{run.path}: {name} is saturated at {extreme:.6g} for {100 * share:.0f} % of the time")
+    return found
+
+
+def _excitation(recordings: list[Recording]) -> list[str]:
+    q = [Rotation.from_quat(run.rows.q, scalar_first=True) for run in recordings]
+    tilt = np.concatenate([r.inv().apply([0.0, 0.0, 1.0]) for r in q])
+    spread = float(np.rad2deg(np.linalg.norm(tilt - tilt.mean(axis=0), axis=1).max()))
+    rate = max(float(np.percentile(np.linalg.norm(run.rows.gyro, axis=1), 95)) for run in recordings)
+    if rate > 0.02:
+        return []
+    if spread < 2.0:
+        return [
+            "one pose only: mass and the CoG across gravity are seen, nothing else; tilt the platform by 10 deg or more"
+        ]
+    return ["no excitation: the platform is at rest throughout, so the inertia cannot be seen; move it"]
+
+
+def diagnose(robot: Robot, recordings: list[Recording]) -> list[str]:
+    """Findings, a line each, the surest first. Empty where nothing looks wrong."""
+    found: list[str] = []
+    for run in recordings:
+        found += _tracker_unit(robot, run)
+    if found:
+        return found
+    for run in recordings:
+        found += _gravity(robot, run) + _gyro_unit(run)
+    unit = _force_unit(robot, recordings)
+    for run in recordings:
+        found += _saturated(run) + ([] if unit else _slack(robot, run))
+    found += unit + _excitation(recordings)
+    return found if unit else found + _trials(robot, recordings)

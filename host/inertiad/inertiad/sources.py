@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quantities a data set lacks, from those it has.
+
+Rate from attitude: quaternions are fitted by a quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2,
+which is the paper's equation (4) without its singularity. Specific force from positions: the IMU point's path is
+fitted by such a spline x(t), and s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it
+gives is averaged over windows afterwards, so noise in x enters as integral(phi'' x) would. Poses at rest, seconds
+apart, become one window each.
+"""
+
+import numpy as np
+from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.spatial.transform import Rotation, Slerp
+
+from inertiad import quantity
+from inertiad.robot import Robot
+from inertiad.table import Array, Table
+
+KNOTS_PER_WINDOW = 4
+"""distance of the spline's knots: a quarter of the weak form's window, what the window can resolve"""
+POSE_SAMPLES = 9
+"""rows that stand for one pose at rest: exactly one window"""
+POSE_GAP = 10.0
+"""s between them"""
+
+
+def spline(t: Array, x: Array, knot_distance: float) -> BSpline:
+    """Quintic least-squares spline of x [N, k] over t [N] s, N >= 12."""
+    least = 2.5 * float(np.median(np.diff(t)))
+    n = max(1, min(int((t[-1] - t[0]) / max(knot_distance, least)), len(t) // 2 - 6))
+    inner = np.linspace(t[0], t[-1], n + 1)[1:-1]
+    return make_lsq_spline(t, x, np.r_[[t[0]] * 6, inner, [t[-1]] * 6], k=5)
+
+
+def _continuous(q: Array) -> Array:
+    """Quaternions [N, 4] with the signs that make them continuous."""
+    flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0))
+    return np.concatenate([q[:1], q[1:] * flips[:, None]])
+
+
+def rate_from_attitude(t: Array, q: Array, knot_distance: float) -> Array:
+    """Angular rate in the body axes of q, rad/s [N, 3], of unit quaternions w x y z [N, 4] body to world."""
+    fitted = spline(t, _continuous(q), knot_distance)
+    a, b = fitted(t), fitted(t, 1)
+    vector = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
+    return 2.0 * vector / np.sum(a * a, axis=1, keepdims=True)
+
+
+def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Array]:
+    """Times [K] s and positions [K, 3] of the IMU point in W, at the tracker's samples within the signals' time."""
+    inside = (positions.t >= signals.t[0]) & (positions.t <= signals.t[-1])
+    t, x = positions.t[inside], positions.stack("x", "y", "z")[inside]
+    R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
+    q = Rotation.from_quat(signals.stack(*quantity.QUATERNION), scalar_first=True)
+    lever = np.array(robot.imu.position) - np.array(robot.tracker.target)
+    return t, x + (Slerp(signals.t, q)(t) * R_PI.inv()).apply(lever)
+
+
+def force_from_positions(robot: Robot, signals: Table, positions: Table, knot_distance: float) -> Array:
+    """Specific force at the IMU point, I axes, m/s2 [N, 3], at the signals' times."""
+    t, x = _imu_path(robot, signals, positions)
+    at = np.clip(signals.t, t[0], t[-1])
+    acceleration = spline(t, x, knot_distance)(at, 2) + np.array([0.0, 0.0, robot.gravity])
+    q = Rotation.from_quat(signals.stack(*quantity.QUATERNION), scalar_first=True)
+    return q.inv().apply(acceleration)
+
+
+def _poses(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Table, Table]:
+    """Each row as one window at rest."""
+    dt = robot.estimator.window_length / (POSE_SAMPLES - 1)
+    start = POSE_GAP * np.arange(1, len(signals.t) + 1)
+    t = (start[:, None] + dt * np.arange(POSE_SAMPLES)).ravel()
+    q = Rotation.from_quat(signals.stack(*quantity.QUATERNION), scalar_first=True)
+    still = q.inv().apply([0.0, 0.0, robot.gravity])
+    acc = signals.stack(*quantity.ACC) if quantity.ACC[0] in signals.columns else still
+    columns = dict(zip(quantity.ACC, acc.T, strict=True)) | {name: np.zeros(len(start)) for name in quantity.GYRO}
+    kept = {**signals.columns, **columns}
+    nearest = np.abs(positions.t[:, None] - signals.t).argmin(axis=0)
+    xyz = {a: positions.columns[a][nearest] for a in ("x", "y", "z")}
+    robot = robot.model_copy(update={"imu": robot.imu.model_copy(update={"rate": 1.0 / dt})})
+    repeated = Table(t, {name: np.repeat(v, POSE_SAMPLES) for name, v in kept.items()}, signals.source)
+    return robot, repeated, Table(t, {a: np.repeat(v, POSE_SAMPLES) for a, v in xyz.items()}, positions.source)
+
+
+def completed(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Table, Table, tuple[str, ...]]:
+    """Signals with every column the rows need, and what was done, in words.
+
+    Samples further apart than a window are taken as poses at rest.
+    """
+    if len(signals.t) < 2 or float(np.median(np.diff(signals.t))) > robot.estimator.window_length:
+        robot, signals, positions = _poses(robot, signals, positions)
+        return robot, signals, positions, (f"{len(signals.t) // POSE_SAMPLES} poses at rest: no inertia in them",)
+    notes: list[str] = []
+    distance = robot.estimator.window_length / KNOTS_PER_WINDOW
+    columns = dict(signals.columns)
+    if quantity.GYRO[0] not in columns:
+        rate = rate_from_attitude(signals.t, signals.stack(*quantity.QUATERNION), distance)
+        columns |= dict(zip(quantity.GYRO, rate.T, strict=True))
+        notes.append("rate derived from attitude")
+    if quantity.ACC[0] not in columns:
+        s = force_from_positions(robot, signals, positions, distance)
+        columns |= dict(zip(quantity.ACC, s.T, strict=True))
+        notes.append("specific force derived from positions")
+    return robot, Table(signals.t, columns, signals.source), positions, tuple(notes)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each mistake made on purpose is named, and good data are left alone."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import inertiad_core
+from inertiad import diagnose, runs
+from inertiad.runs import Recording
+
+TOP = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(TOP / "test/accept"))
+import scenes  # noqa: E402
+
+
+@pytest.fixture(scope="module", params=[("modern", 100.0), ("paper", 25.0)], ids=["modern", "paper"])
+def good(request: pytest.FixtureRequest) -> Recording:
+    level, rate = request.param
+    return runs.read(scenes.run(1000, level, rate, "fourier"))
+
+
+def _with(run: Recording, **changed: np.ndarray) -> Recording:
+    rows = run.rows
+    keys = ("acc", "gyro", "q", "position", "f")
+    arrays = [np.ascontiguousarray(changed.get(k, getattr(rows, k))) for k in keys]
+    return replace(run, rows=inertiad_core.Rows(np.rint(1e9 * rows.t).astype(np.int64), *arrays))
+
+
+def _findings(run: Recording) -> str:
+    return "\n".join(diagnose.diagnose(run.robot, [run]))
+
+
+def test_good_data_have_no_finding(good: Recording) -> None:
+    assert _findings(good) == ""
+
+
+@pytest.mark.parametrize("pair", [(3, 4), (1, 8)])
+def test_swapped_cables_are_named(good: Recording, pair: tuple[int, int]) -> None:
+    order = np.arange(8)
+    order[[pair[0] - 1, pair[1] - 1]] = order[[pair[1] - 1, pair[0] - 1]]
+    assert f"cables {pair[0]} and {pair[1]} look swapped" in _findings(_with(good, f=good.rows.f[:, order]))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kN", 1e-3), ("kg", 1.0 / 9.80665)])
+def test_a_wrong_force_unit_is_named(good: Recording, unit: str, factor: float) -> None:
+    assert f"are the forces in {unit}?" in _findings(_with(good, f=factor * good.rows.f))
+
+
+def test_a_tracker_in_mm_is_named(good: Recording) -> None:
+    assert "is the tracker in mm?" in _findings(_with(good, position=1e3 * good.rows.position))
+
+
+def test_gravity_with_the_wrong_sign_is_named(good: Recording) -> None:
+    assert "gravity has the wrong sign" in _findings(_with(good, acc=-good.rows.acc))
+
+
+def test_an_imu_upside_down_is_named(good: Recording) -> None:
+    imu = good.robot.imu.model_copy(update={"orientation": [0.0, 1.0, 0.0, 0.0]})
+    assert "upside down" in _findings(replace(good, robot=good.robot.model_copy(update={"imu": imu})))
+
+
+def test_a_gyro_in_degrees_is_named(good: Recording) -> None:
+    assert "deg/s?" in _findings(_with(good, gyro=np.rad2deg(good.rows.gyro)))
+
+
+def test_a_slack_cable_is_named(good: Recording) -> None:
+    f = good.rows.f.copy()
+    f[200:400, 2] = 5.0 + 0.1 * np.arange(200)
+    assert "cable 3 is slack" in _findings(_with(good, f=f))
+
+
+def test_a_saturated_sensor_is_named(good: Recording) -> None:
+    f = good.rows.f.copy()
+    f[:, 4] = np.minimum(f[:, 4], np.quantile(f[:, 4], 0.8))
+    assert "force sensor 5 is saturated" in _findings(_with(good, f=f))
+
+
+def test_rest_and_one_pose_are_named(good: Recording) -> None:
+    still = {k: np.repeat(getattr(good.rows, k)[:1], len(good.rows), axis=0) for k in ("q", "position", "gyro")}
+    assert "one pose only" in _findings(_with(good, **still | {"gyro": 0.0 * good.rows.gyro}))

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""fit: every method against an independent solver on the same windows, and against the simulation's truth."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import inertiad_core
+from inertiad import diagnose, fit, runs, sources
+from inertiad.error import InputError
+from inertiad.estimate import read
+from inertiad.runs import Recording
+
+TOP = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(TOP / "test/accept"))
+import scenes  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return runs.read(scenes.run(1000, "modern", 100.0, "fourier"))
+
+
+@pytest.fixture(scope="module")
+def config(recording: Recording) -> object:
+    return runs.config_of(recording.robot, "test")
+
+
+def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config: object) -> None:
+    import statsmodels.api as sm
+
+    options = {"group": [0], "payload": [0.0], "is_free": [False] * 31, "theta_prior": 1e6, "n_weight_steps": 0}
+    ours = inertiad_core.batch(config, [recording.rows], **options)
+    windows = inertiad_core.Windows(config, recording.rows)
+    weight = np.tile(1.0 / ours["fit"][0]["noise_std"] ** 2, len(windows.y))
+    theirs = sm.WLS(windows.y.ravel(), windows.Y.reshape(-1, 10), weights=weight).fit()
+    assert ours["fit"][0]["n_rest"] == 0  # else windows at rest are treated specially
+    np.testing.assert_allclose(ours["body"][0]["theta"], theirs.params, rtol=1e-5, atol=1e-5)
+
+
+def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
+    free = [True] * 11 + [False] * 20  # the attachments' errors are unknowns too; they are linear and eliminated below
+    options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
+    still = recording.robot.model_copy(update={"std": recording.robot.std.model_copy(update={"geometry": 0.0})})
+    config = runs.config_of(still, "test")
+    ours = inertiad_core.batch(config, [recording.rows], **options)
+    noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
+    mean = np.r_[_prior_theta(still), np.zeros(11)]
+
+    def cost(z: np.ndarray) -> np.ndarray:
+        xi = np.r_[z[10:], np.zeros(20)]
+        rows = inertiad_core.undelayed(recording.rows, xi[10], 0.0)
+        windows = inertiad_core.Windows(inertiad_core.calibrated(config, xi), rows)
+        n = 222  # windows, whatever the delay drops at the end
+        e = (windows.y - windows.Y @ z[:10])[:n] / noise
+        return np.r_[e.ravel(), (z - mean) / prior_std]
+
+    found = np.r_[ours["body"][0]["theta"], ours["xi"][:11]]
+    theirs = least_squares(cost, found + 0.3 * prior_std, x_scale=prior_std, diff_step=1e-6).x
+    std = np.sqrt(np.diag(ours["covariance"]))
+    assert np.abs((found - theirs) / std).max() < 0.1
+
+
+def _prior_theta(robot: object) -> np.ndarray:
+    from inertiad.compile import prior
+
+    return prior(robot)[0]
+
+
+def test_joint_is_closer_to_the_truth_than_wls(recording: Recording, config: object) -> None:
+    true = scenes.truth(recording.path)
+    joint = scenes.scaled(np.array(fit.joint(config, [recording]).body.value) - true, true)
+    plain = scenes.scaled(np.array(fit.wls(config, [recording]).body.value) - true, true)
+    assert (joint < [1.0, 4, 4, 4, 2, 2, 2]).all()
+    assert joint.sum() < plain.sum()
+
+
+def test_claimed_sigma_holds_for_joint(recording: Recording, config: object) -> None:
+    body = fit.joint(config, [recording]).body
+    z = (np.array(body.value) - scenes.truth(recording.path)) / np.array(body.std)
+    assert np.abs(z).max() < 3.5
+
+
+def test_paper_finds_an_ideal_body_from_ideal_sensors() -> None:
+    run = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    estimate = fit.two_step(run.robot, runs.config_of(run.robot, ""), [run])
+    assert (scenes.scaled(np.array(estimate.body.value) - scenes.truth(run.path), scenes.truth(run.path)) < 2.0).all()
+
+
+def test_paper_says_when_no_body_can_be_like_that() -> None:
+    run = runs.read(scenes.run(1001, "paper", 25.0, "paper"))
+    estimate = fit.two_step(run.robot, runs.config_of(run.robot, ""), [run])
+    assert not estimate.consistent
+    assert "no body can have this inertia" in estimate.notes[0]
+
+
+def test_published_body_can_exist_although_the_data_disagree(recording: Recording, config: object) -> None:
+    start = recording.rows
+    few = diagnose._rows(start, 120, start.f[:120] * np.linspace(0.7, 1.3, 8))
+    estimate = fit.wls(config, [Recording(recording.path, recording.robot, few, 0, 0, {})])
+    assert inertiad_core.is_consistent(estimate.theta)
+
+
+def test_validation_predicts_a_run_not_used(recording: Recording, config: object) -> None:
+    other = runs.read(scenes.run(1500, "modern", 100.0, "fourier", errors_of=1000))
+    joint = fit.validate(config, fit.joint(config, [recording]), other)
+    plain = fit.validate(config, fit.wls(config, [recording]), other)
+    assert (joint.rms < 0.1 * joint.signal).all()
+    assert np.linalg.norm(joint.rms) < np.linalg.norm(plain.rms)
+
+
+def _csv(path: Path, recording: Recording, columns: list[str], every: int = 1) -> Path:
+    rows = recording.rows
+    table = {"t": rows.t[:, None], "acc": rows.acc, "gyro": rows.gyro, "q": rows.q, "pos": rows.position, "f": rows.f}
+    names = {"acc": "xyz", "gyro": "xyz", "q": "wxyz", "pos": "xyz", "f": [str(i + 1) for i in range(8)]}
+    header = ["t", *(f"{c}_{a}" for c in columns for a in names[c])]
+    data = np.hstack([table["t"], *(table[c] for c in columns)])[::every]
+    np.savetxt(path, data, delimiter=",", header=",".join(header), comments="", fmt="%.12g")
+    return path
+
+
+def test_signals_csv_gives_what_the_run_gives(tmp_path: Path, recording: Recording, config: object) -> None:
+    file = _csv(tmp_path / "signals.csv", recording, ["acc", "gyro", "q", "pos", "f"])
+    found = fit.joint(config, [runs.read(file, scenes.COGIRO)]).body
+    np.testing.assert_allclose(found.value, fit.joint(config, [recording]).body.value, rtol=1e-3, atol=2e-3)
+
+
+def test_without_gyro_and_accelerometer_the_body_is_found(tmp_path: Path) -> None:
+    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    run = runs.read(_csv(tmp_path / "signals.csv", ideal, ["q", "pos", "f"]), scenes.COGIRO)
+    assert run.notes == ("rate derived from attitude", "specific force derived from positions")
+    estimate = fit.wls(runs.config_of(run.robot, ""), [run])
+    error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
+    assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+
+
+def test_poses_at_rest_give_mass_and_cog_and_no_inertia(tmp_path: Path) -> None:
+    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    file = _static_poses(tmp_path / "poses.csv", ideal)
+    run = runs.read(file, scenes.COGIRO)
+    estimate = fit.joint(runs.config_of(run.robot, ""), [run])
+    true = scenes.truth(ideal.path)
+    assert abs(estimate.body.value[0] / true[0] - 1.0) < 0.01
+    assert np.abs(np.array(estimate.body.value[1:4]) - true[1:4]).max() < 0.01
+    assert estimate.observable[:3] == (True,) * 3
+    assert estimate.observable[4:] == (False,) * 6
+
+
+def _static_poses(path: Path, recording: Recording) -> Path:
+    """20 poses of the motion with the tensions that hold them still."""
+    from scipy.spatial.transform import Rotation
+
+    from inertiad import compile, sensors, simulate
+    from inertiad import robot as description
+    from inertiad.trajectory import Motion
+
+    robot = description.load(scenes.COGIRO)
+    rows, k = recording.rows, np.linspace(250, 2000, 20).astype(int)
+    zero = np.zeros((20, 3))
+    R = Rotation.from_quat(rows.q[k], scalar_first=True).as_matrix()
+    motion = Motion(np.ascontiguousarray(rows.position[k]), zero, zero, R, zero, zero)
+    drawn = sensors.draw(sensors.PRESETS["ideal"], 8, sensors.Dice(0))
+    config = inertiad_core.Config(compile.compile_robot(robot, ""))
+    assert robot.nominal is not None
+    f = simulate.tensions(simulate.Mechanics(config, robot, robot.nominal, drawn, 0.0), np.arange(20.0), motion)
+    data = np.hstack([np.arange(20.0)[:, None] * 5.0, rows.q[k], rows.position[k], f])
+    header = "t,q_w,q_x,q_y,q_z,pos_x,pos_y,pos_z," + ",".join(f"f_{i + 1}" for i in range(8))
+    np.savetxt(path, data, delimiter=",", header=header, comments="")
+    return path
+
+
+def test_rate_from_attitude_has_the_gyros_sign_and_size() -> None:
+    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier")).rows
+    rate = sources.rate_from_attitude(ideal.t, ideal.q, 0.1)
+    assert np.abs(rate - ideal.gyro)[50:-50].max() < 2e-3
+    assert np.abs(ideal.gyro).max() > 0.3
+
+
+def test_the_command_writes_the_schema_and_names_bad_input(tmp_path: Path, recording: Recording) -> None:
+    program = str(TOP / "build/bin/inertiactl")
+    out = tmp_path / "e.json"
+    done = subprocess.run([program, "fit", str(recording.path), "--json", str(out)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert read(out).value[0] == pytest.approx(scenes.truth(recording.path)[0], rel=0.01)
+    assert {"method", "consistent", "observable", "samples", "duration_s", "force_offset"} <= set(
+        json.loads(out.read_text())
+    )
+    bad = subprocess.run([program, "fit", str(tmp_path), "--method", "magic"], capture_output=True, text=True)
+    assert bad.returncode == 2
+    assert bad.stderr.count("\n") == 1 and "magic" in bad.stderr
+
+
+def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"robot\.toml: not there"):
+        runs.read(tmp_path)
