@@ -159,6 +159,10 @@ $(B)/test/bench/%: $(B)/obj/test/bench/%.o $(B)/lib/libinertiad_io.a $(B)/lib/li
 bench: .venv/test.stamp build $(BENCH)
 	$(Q)$(PY) test/bench/bench.py
 
+## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; pictures in build/accept/ (about 10 min; T="T6 T8")
+accept: .venv/test.stamp build
+	$(Q)$(PY) test/accept/accept.py $(T)
+
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
@@ -197,6 +201,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs vcan-runs bench \
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs vcan-runs bench \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -38,13 +38,11 @@ def test_wire_is_what_socketcan_takes(tmp_path: Path):
     assert np.diff(begin).tolist() == [16, 16, 16, 72, 16, 16]
     extended, fd = bytes(data[begin[1] : begin[2]]), bytes(data[begin[3] : begin[4]])
     assert extended == bytes.fromhex("78563492 02000000 F802000000000000")
-    assert fd[4:8] == bytes([12, 4 | 1, 0, 0])
+    assert fd[4:8] == bytes([12, 1, 0, 0])
 
 
 def test_damaged_lines_are_counted_and_said(tmp_path: Path):
-    (tmp_path / "can.log").write_text(
-        LINES + "nonsense\n(0000000002.0) can0 DROPCOUNT: dropped 7 CAN frames\n(00000000"
-    )
+    (tmp_path / "can.log").write_text(LINES + "nonsense\n" + DROPS + "(00000000")
     log = canlog.read(tmp_path / "can.log")
     assert len(log) == 6 and log.n_damaged == 2
     assert "2 lines left out, the first: 7" in log.remarks[0]

@@ -8,22 +8,16 @@ import sys
 import time
 from pathlib import Path
 
-import inertiad_replay
 import numpy as np
 import pytest
 from conftest import TOP
 
+import inertiad_replay
 from inertiad import replay
 from inertiad_lcm import tracker_t
 
-ISOLATED = [
-    "unshare",
-    "-n",
-    "sh",
-    "-c",
-    'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"',
-    "-",
-]
+ROUTE = 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
+ISOLATED = ["unshare", "-n", "sh", "-c", ROUTE, "-"]
 
 
 @pytest.fixture
@@ -59,7 +53,7 @@ def test_start_stop_and_loop(inertiactl, run):
         (["RUN", "--bus", "-", "--speed", "0"], "--speed 0: allowed: 0.001 to 1000"),
         (["RUN", "--bus", "-", "--start", "2", "--stop", "1"], "--stop 1: allowed: above --start = 2 s"),
         (["RUN", "--bus", "-", "--start", "9"], "nothing between --start 9"),
-        (["RUN", "--bus", "-", "--tracker", "usb"], "--tracker usb: allowed: lcm, none"),
+        (["RUN", "--bus", "-", "--tracker", "usb"], "--tracker usb: allowed: lcm, none, text=ADDRESS"),
         (["RUN", "--lcm", "tcpq://x", "--tracker", "lcm"], "--lcm tcpq://x: allowed: udpm://"),
     ],
 )
@@ -113,7 +107,8 @@ RECEIVER = """
 import subprocess, sys, time, lcm
 from inertiad_lcm import tracker_t
 link, got = lcm.LCM("udpm://239.255.76.67:7667?ttl=0"), []
-link.subscribe("INERTIAD_TRACKER", lambda c, d: got.append((time.time_ns(), tracker_t.decode(d)))).set_queue_capacity(1000)
+subscription = link.subscribe("INERTIAD_TRACKER", lambda c, d: got.append((time.time_ns(), tracker_t.decode(d))))
+subscription.set_queue_capacity(1000)
 command = [sys.executable, "-m", "inertiad", "replay", sys.argv[1], "--speed", "2", "--loop", "2", "--tracker", "lcm"]
 with subprocess.Popen(command) as player:
     while player.poll() is None or link.handle_timeout(300):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make the runs that test_vcan.py replays: in a guest kernel without hardware support this would take minutes.
+"""Make the runs that the tests here replay: in a guest kernel without hardware support this would take minutes.
 
-build/vcan/robot: a whole modern run of CoGiRo, at a rate that lets an emulated machine lag by a few milliseconds;
-build/vcan/robot_fd: 2 s of hold, one CAN FD frame per sample.
+build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
+build/vcan/robot_timed: a whole run where every sample carries its device time, so that a machine which stalls, and stamps
+frames late, does not spoil the estimate.
 """
 
 import shutil
@@ -15,11 +16,11 @@ RUNS = TOP / "build/vcan"
 PATIENT = "\n[align]\nmax_wait = 2.0  # s: an emulated machine may take a while to send a position\n"
 
 
-def make_run(name: str, *options: str) -> None:
+def make_run(name: str, description: str, *options: str) -> None:
     folder = RUNS / name
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(COGIRO, folder)
-    robot = folder / f"{name}.toml"
+    robot = folder / description
     robot.write_text(robot.read_text() + PATIENT)
     tool = TOP / "build/bin/inertiactl"
     subprocess.run([tool, "compile", robot, "-o", folder / "robot.cfg"], check=True, capture_output=True)
@@ -27,5 +28,6 @@ def make_run(name: str, *options: str) -> None:
 
 
 if __name__ == "__main__":
-    make_run("robot", "--rate", "50", "--faults", "modern", "--seed", "1")
-    make_run("robot_fd", "--trajectory", "hold", "--duration", "2")
+    make_run("robot", "robot.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
+    make_run("robot_timed", "robot_fd.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
+    make_run("robot_fd", "robot_fd.toml", "--trajectory", "hold", "--duration", "2")

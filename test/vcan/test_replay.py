@@ -12,23 +12,28 @@ import pytest
 TOP = Path(__file__).resolve().parents[2]
 CTL = TOP / "build/bin/inertiactl"
 CLASSICAL, FD = (TOP / "build/vcan" / name / "run" for name in ("robot", "robot_fd"))
+FD_FLAGS = re.compile("##(.)")  # newer kernels add bit 2, "is FD", to what was sent
 LINE = re.compile(r"\((\d+)\.(\d+)\) \S+ (\S+)")
 
 
 def stamps_and_frames(text: str) -> tuple[np.ndarray, list[str]]:
     """us, and what stands behind the interface, of candump lines."""
     found = LINE.findall(text)
-    return np.array([1_000_000 * int(s) + int(us) for s, us, _ in found]), [f for *_, f in found]
+    frames = [FD_FLAGS.sub(lambda m: f"##{int(m[1], 16) & 3:X}", f) for *_, f in found]
+    return np.array([1_000_000 * int(s) + int(us) for s, us, _ in found]), frames
 
 
 def played(command: list[object], n: int, dump: Path) -> tuple[np.ndarray, list[str]]:
     """Run a player; what candump sees of it on vcan0."""
     with dump.open("w") as file:
-        candump = ["candump", "-L", "-r", "8000000", "-n", str(n), "-T", "30000", "vcan0"]
-        with subprocess.Popen(candump, stdout=file) as listener:
-            time.sleep(1.0)
-            subprocess.run([str(c) for c in command], check=True, timeout=240)
+        listener = subprocess.Popen(["candump", "-L", "-r", "8000000", "-n", str(n), "vcan0"], stdout=file)
+        time.sleep(2.0)  # it has to be there first; the player itself takes long to start in an emulated guest
+        try:
+            subprocess.run([str(c) for c in command], check=True, timeout=400)
             listener.wait(timeout=60)
+        finally:
+            listener.terminate()
+            listener.wait()
     return stamps_and_frames(dump.read_text())
 
 
@@ -38,7 +43,7 @@ def late_us(t_us: np.ndarray, log_us: np.ndarray) -> np.ndarray:
 
 
 def test_frames_arrive_whole_and_in_order_and_pacing_is_told(tmp_path: Path):
-    text = "".join((CLASSICAL / "can.log").read_text().splitlines(keepends=True)[:9000])
+    text = "".join((CLASSICAL / "can.log").read_text().splitlines(keepends=True)[:6000])
     (tmp_path / "can.log").write_text(text)
     log_us, frames = stamps_and_frames(text)
     rows = {}
@@ -73,13 +78,13 @@ def test_two_interfaces_of_a_log_go_to_two_buses(tmp_path: Path):
 
 def test_absent_interface_is_one_line(tmp_path: Path):
     command = [str(CTL), "replay", str(CLASSICAL), "--bus", "socketcan:vcan9"]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert (result.returncode, result.stderr) == (2, "inertiactl: --bus socketcan:vcan9: No such device\n")
 
 
 @pytest.mark.parametrize("run", [CLASSICAL, FD], ids=["classical", "fd"])
 def test_live_run_verifies(run: Path, tmp_path: Path):
     command = [str(CTL), "verify", str(run), "--bus", "socketcan:vcan0", "--json", str(tmp_path / "verify.json")]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=800)
     print(result.stdout, result.stderr)
     assert result.returncode == 0

@@ -39,7 +39,8 @@ nb::tuple cable_geometry(const inertiad::Config& config, const InN3& p, const In
                 free.data[m * k + i] = line.free;
                 length.data[m * k + i] = line.length;
             } catch (const std::domain_error& e) {
-                throw std::domain_error("cable " + std::to_string(i + 1) + ", sample " + std::to_string(k) + ": " + e.what());
+                throw std::domain_error("cable " + std::to_string(i + 1) + ", sample " + std::to_string(k) + ": " +
+                                        e.what());
             }
         }
     }
@@ -54,7 +55,8 @@ nb::tuple wrench_matrix(const inertiad::Config& config, const InN3& p, const InN
     Out<2> sag({n, 6});
     for (std::size_t k = 0; k < n; ++k) {
         const Eigen::Map<const inertiad::Matrix3> R_k(R.data() + 9 * k);
-        const auto w = inertiad::wrench_matrix(config, Eigen::Map<const inertiad::Vector3>(p.data() + 3 * k), R_k, point);
+        const auto w =
+            inertiad::wrench_matrix(config, Eigen::Map<const inertiad::Vector3>(p.data() + 3 * k), R_k, point);
         for (std::size_t j = 0; j < 6; ++j) {
             sag.data[6 * k + j] = w.sag[static_cast<Eigen::Index>(j)];
             for (std::size_t i = 0; i < m; ++i) {
@@ -80,10 +82,7 @@ nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN
 
 /// The weak equations of a run's rows.
 struct Windows {
-    Windows(const inertiad::Config& config_, const OwnedPipeline& run)
-        : Windows(config_, run.rows)
-    {
-    }
+    Windows(const inertiad::Config& config_, const OwnedPipeline& run) : Windows(config_, run.rows) {}
     Windows(const inertiad::Config& config_, const Rows& run) : Windows(config_, run.row) {}
     Windows(const inertiad::Config& config_, const std::vector<ipe_row_t>& rows)
         : config(config_), window(inertiad::windows_of(config_, rows))
@@ -93,7 +92,9 @@ struct Windows {
     nb::ndarray<nb::numpy, double> t() const
     {
         Out<1> out({window.size()});
-        for (std::size_t k = 0; k < window.size(); ++k) { out.data[k] = 1e-9 * static_cast<double>(window[k].t_ns - window[0].t_ns); }
+        for (std::size_t k = 0; k < window.size(); ++k) {
+            out.data[k] = 1e-9 * static_cast<double>(window[k].t_ns - window[0].t_ns);
+        }
         return out.release();
     }
 
@@ -119,7 +120,9 @@ struct Windows {
         Out<3> out({window.size(), 6, n_xi});
         for (std::size_t k = 0; k < window.size(); ++k) {
             const inertiad::SystematicColumns X = inertiad::systematic_columns(config, window[k], theta);
-            for (std::size_t j = 0; j < 6; ++j) { std::copy_n(&X(static_cast<Eigen::Index>(j), 0), n_xi, out.data + (6 * k + j) * n_xi); }
+            for (std::size_t j = 0; j < 6; ++j) {
+                std::copy_n(&X(static_cast<Eigen::Index>(j), 0), n_xi, out.data + (6 * k + j) * n_xi);
+            }
         }
         return out.release();
     }
@@ -132,13 +135,17 @@ struct Windows {
 struct OwnedRls {
     OwnedRls(const inertiad::Theta& theta, const inertiad::Covariance& P, const Eigen::VectorXd& xi_std) : view(state)
     {
-        if (view.init(theta, P, xi_std) != IPE_OK) { throw std::invalid_argument("P, xi_std: must be positive definite"); }
+        if (view.init(theta, P, xi_std) != IPE_OK) {
+            throw std::invalid_argument("P, xi_std: must be positive definite");
+        }
     }
     OwnedRls(const OwnedRls&) = delete;
 
     double update(const Eigen::MatrixXd& H, const inertiad::Vector6& y, const inertiad::Matrix6& L)
     {
-        if (H.rows() != IPE_NY || H.cols() != view.n()) { throw std::invalid_argument("H: must be 6 x " + std::to_string(view.n())); }
+        if (H.rows() != IPE_NY || H.cols() != view.n()) {
+            throw std::invalid_argument("H: must be 6 x " + std::to_string(view.n()));
+        }
         inertiad::Rls::Rows rows = H;
         double nis = 0.0;
         if (view.update(rows, y, L, nis) != IPE_OK) { throw std::invalid_argument("H, y or L: NaN or Inf"); }
@@ -150,8 +157,9 @@ struct OwnedRls {
 };
 
 /// Finished windows of a stream of motions and wrenches, as one dict of arrays.
-nb::dict averages(const inertiad::Config& config, const nb::ndarray<const int64_t, nb::numpy, nb::c_contig, nb::ndim<1>>& t_ns,
-                  const InN3& s, const InN3& w, const In<Dim<-1>, Dim<6>>& y)
+nb::dict averages(const inertiad::Config& config,
+                  const nb::ndarray<const int64_t, nb::numpy, nb::c_contig, nb::ndim<1>>& t_ns, const InN3& s,
+                  const InN3& w, const In<Dim<-1>, Dim<6>>& y)
 {
     const std::size_t n = t_ns.shape(0);
     require_rows(n, s.shape(0), "s");
@@ -167,7 +175,9 @@ nb::dict averages(const inertiad::Config& config, const nb::ndarray<const int64_
         std::copy_n(s.data() + 3 * k, 3, motion.s);
         std::copy_n(w.data() + 3 * k, 3, motion.w);
         std::copy_n(y.data() + 6 * k, 6, wrench.y);
-        if (ipe_window_push(&window, t_ns.data()[k], &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
+        if (ipe_window_push(&window, t_ns.data()[k], &motion, &wrench, &average) == IPE_OK) {
+            found.push_back(average);
+        }
     }
     const std::size_t count = found.size();
     Out<2> out_s({count, 3}), out_w({count, 3}), out_ww({count, 6}), out_alpha({count, 3}), out_y({count, 6});
@@ -199,12 +209,15 @@ struct Plan {
         require_rows(n, p.shape(0), "p");
         require_rows(n, R.shape(0), "R");
         require_rows(n, f.shape(0), "f");
-        if (f.shape(1) != static_cast<std::size_t>(config.n_cables())) { throw std::invalid_argument("f: needs a column per cable"); }
+        if (f.shape(1) != static_cast<std::size_t>(config.n_cables())) {
+            throw std::invalid_argument("f: needs a column per cable");
+        }
     }
 };
 
 /// [Y, -X] of one window in the filter's states, row-major [6][n].
-void filter_equations(const inertiad::Config& config, const ipe_average_t& average, const inertiad::Theta& theta, double* H)
+void filter_equations(const inertiad::Config& config, const ipe_average_t& average, const inertiad::Theta& theta,
+                      double* H)
 {
     const std::size_t n_xi = static_cast<std::size_t>(ipe_systematic_filter_count(config.n_cables()));
     const inertiad::Regressor Y = inertiad::regressor(average);
@@ -216,8 +229,8 @@ void filter_equations(const inertiad::Config& config, const ipe_average_t& avera
 }
 
 /// [Y, -X] of the windows that a planned motion will be averaged to.
-nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p, const InN33& R,
-                          const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
+nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p,
+                          const InN33& R, const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
 {
     const Plan plan{s, w, p, R, f};
     const std::size_t n = s.shape(0), m = f.shape(1);
@@ -251,8 +264,8 @@ nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN
 }
 
 /// [Y, -X] as if a window saw nothing but the one instant.
-nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, const InN3& s, const InN3& w, const InN3& alpha,
-                                                const InN3& p, const InN3& velocity, const InN33& R,
+nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, const InN3& s, const InN3& w,
+                                                const InN3& alpha, const InN3& p, const InN3& velocity, const InN33& R,
                                                 const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
 {
     const std::size_t n = s.shape(0), m = f.shape(1);
@@ -278,7 +291,8 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
 
 /// Covariance [10,10] of theta about the IMU that the filter ends with on equations H, y: its own prior, its own noise level,
 /// learnt from y. As update_filter() in firmware/core/pipeline.c does it, without change detection and forgetting.
-inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, Dim<6>, Dim<-1>>& H, const In<Dim<-1>, Dim<6>>& y)
+inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, Dim<6>, Dim<-1>>& H,
+                              const In<Dim<-1>, Dim<6>>& y)
 {
     const ipe_config_t& k = config.c();
     const int n_xi = ipe_systematic_filter_count(k.n_cables);
@@ -304,7 +318,9 @@ inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, 
         const double* y_i = y.data() + IPE_NY * i;
         std::copy_n(H.data() + rows.size() * i, rows.size(), rows.begin());
         ipe_rls_innovation(&rls, rows.data(), y_i, innovation, S);
-        if (ipe_rls_update(&rls, rows.data(), y_i, noise.L, &nis) != IPE_OK) { throw std::invalid_argument("H, y: NaN or Inf"); }
+        if (ipe_rls_update(&rls, rows.data(), y_i, noise.L, &nis) != IPE_OK) {
+            throw std::invalid_argument("H, y: NaN or Inf");
+        }
         ipe_noise_push(&noise, innovation, S);
     }
     ipe_rls_covariance(&rls, IPE_NP, P.data());
@@ -365,85 +381,115 @@ NB_MODULE(inertiad_core, m)
     m.attr("QUANTITIES") = quantities();
 
     nb::class_<inertiad::Config>(m, "Config", "A checked robot configuration, from the bytes of robot.cfg.")
-        .def("__init__",
-             [](inertiad::Config* self, const nb::bytes& data) {
-                 new (self) inertiad::Config(inertiad::Config::from_bytes(data.c_str(), data.size()));
-             }, "data"_a, "ValueError, with the reason, if the bytes are damaged, of another version or out of range.")
+        .def(
+            "__init__",
+            [](inertiad::Config* self, const nb::bytes& data) {
+                new (self) inertiad::Config(inertiad::Config::from_bytes(data.c_str(), data.size()));
+            },
+            "data"_a, "ValueError, with the reason, if the bytes are damaged, of another version or out of range.")
         .def_prop_ro("n_cables", &inertiad::Config::n_cables);
 
-    m.def("cable_geometry", &cable_geometry, "config"_a, "p"_a, "R"_a,
-          "(u [N,m,3] unit vectors in W from the attachment to the leave point, free length [N,m], length with arc [N,m]), "
-          "for positions p [N,3] in W and rotations R [N,3,3] P to W. ValueError where a cable has no direction. cable.h");
+    m.def(
+        "cable_geometry", &cable_geometry, "config"_a, "p"_a, "R"_a,
+        "(u [N,m,3] unit vectors in W from the attachment to the leave point, free length [N,m], length with arc [N,m]), "
+        "for positions p [N,3] in W and rotations R [N,3,3] P to W. ValueError where a cable has no direction. cable.h");
     m.def("wrench_matrix", &wrench_matrix, "config"_a, "p"_a, "R"_a, "point"_a,
           "(W [N,6,m], sag [N,6]) with wrench = W f + sag about the body point [3], P axes. wrench.h");
     m.def("regressor", &regressor, "s"_a, "w"_a, "alpha"_a,
           "Y [N,6,10] from specific force, rate and angular acceleration [N,3] at the reference point. regressor.h");
     m.def("shift", &inertiad::shift, "theta"_a, "d"_a, "theta [10] about the point (old - d [3]). body.h");
-    m.def("body", [](const inertiad::Theta& theta, const inertiad::Covariance& P) { return body_dict(inertiad::body(theta, P)); },
-          "theta"_a, "P"_a, "dict of mass, cog, inertia_cog and their _std. ValueError if the mass is not positive. body.h");
-    m.def("body_jacobian",
-          [](const inertiad::Theta& theta) {
-              inertiad::Covariance G;
-              ipe_body_jacobian(theta.data(), inertiad::as_array(G));
-              return G;
-          }, "theta"_a, "d(mass, cog, inertia_cog)/d(theta) [10,10]. body.h");
+    m.def(
+        "body",
+        [](const inertiad::Theta& theta, const inertiad::Covariance& P) { return body_dict(inertiad::body(theta, P)); },
+        "theta"_a, "P"_a,
+        "dict of mass, cog, inertia_cog and their _std. ValueError if the mass is not positive. body.h");
+    m.def(
+        "body_jacobian",
+        [](const inertiad::Theta& theta) {
+            inertiad::Covariance G;
+            ipe_body_jacobian(theta.data(), inertiad::as_array(G));
+            return G;
+        },
+        "theta"_a, "d(mass, cog, inertia_cog)/d(theta) [10,10]. body.h");
     m.def("pseudo_inertia", &inertiad::pseudo_inertia, "theta"_a, "[4,4]. consistency.h");
-    m.def("is_consistent", &inertiad::is_consistent, "theta"_a, "Can a body with these parameters exist? consistency.h");
+    m.def("is_consistent", &inertiad::is_consistent, "theta"_a,
+          "Can a body with these parameters exist? consistency.h");
     m.def("averages", &averages, "config"_a, "t_ns"_a, "s"_a, "w"_a, "y"_a,
           "dict of t [M], s, w, alpha [M,3], ww, y [M,6] and length: the weak form's windows of N rows. window.h");
-    m.def("planned_windows", &planned_windows, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "theta"_a,
-          "(H [M,6,21+2m], rate and angular acceleration [M,6], window length): the filter's equations [Y, -X] of the windows that a "
-          "motion sampled at rate [Hz] will be averaged to; s, w [N,3] at the IMU, P axes; p [N,3], R [N,3,3] pose of P; tensions f "
-          "[N,m]; theta [10] about the IMU. window.h, systematic.h");
-    m.def("planned_instants", &planned_instants, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "velocity"_a, "R"_a, "f"_a, "theta"_a,
-          "[Y, -X] [N,6,21+2m] of single instants. systematic.h");
-    m.def("rehearse", &rehearse, "config"_a, "H"_a, "y"_a,
-          "Covariance [10,10] of theta about the IMU after the filter took y [M,6] = H [M,6,21+2m] x + noise, from its own prior and "
-          "with the noise level it learns. rls.h, noise.h");
+    m.def(
+        "planned_windows", &planned_windows, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "theta"_a,
+        "(H [M,6,21+2m], rate and angular acceleration [M,6], window length): the filter's equations [Y, -X] of the windows that a "
+        "motion sampled at rate [Hz] will be averaged to; s, w [N,3] at the IMU, P axes; p [N,3], R [N,3,3] pose of P; tensions f "
+        "[N,m]; theta [10] about the IMU. window.h, systematic.h");
+    m.def("planned_instants", &planned_instants, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "velocity"_a, "R"_a, "f"_a,
+          "theta"_a, "[Y, -X] [N,6,21+2m] of single instants. systematic.h");
+    m.def(
+        "rehearse", &rehearse, "config"_a, "H"_a, "y"_a,
+        "Covariance [10,10] of theta about the IMU after the filter took y [M,6] = H [M,6,21+2m] x + noise, from its own prior and "
+        "with the noise level it learns. rls.h, noise.h");
     m.def("decode_raw", &decode_raw, "data"_a, "start"_a, "length"_a, "big_endian"_a, "is_signed"_a,
           "Raw bits of a signal, extended to 64 bits. decode.h");
-    m.def("decode_frame", &decode_frame, "config"_a, "bus"_a, "can_id"_a, "data"_a, "{quantity number: SI value}. decode.h");
+    m.def("decode_frame", &decode_frame, "config"_a, "bus"_a, "can_id"_a, "data"_a,
+          "{quantity number: SI value}. decode.h");
 
     nb::class_<OwnedRls>(m, "Rls", "Recursive least squares, P = U D U^T. rls.h")
         .def(nb::init<const inertiad::Theta&, const inertiad::Covariance&, const Eigen::VectorXd&>(), "theta"_a, "P"_a,
              "xi_std"_a = Eigen::VectorXd(0))
-        .def("update", &OwnedRls::update, "H"_a, "y"_a, "L"_a, "Fold in y [6] = H [6,n] x + e, cov(e) = L L^T; returns NIS.")
-        .def_prop_ro("x", [](const OwnedRls& r) { return Eigen::VectorXd(r.view.x()); }, "[n]")
+        .def("update", &OwnedRls::update, "H"_a, "y"_a, "L"_a,
+             "Fold in y [6] = H [6,n] x + e, cov(e) = L L^T; returns NIS.")
+        .def_prop_ro(
+            "x", [](const OwnedRls& r) { return Eigen::VectorXd(r.view.x()); }, "[n]")
         .def_prop_ro("P", [](const OwnedRls& r) { return r.view.P(); }, "[n,n]");
 
     nb::class_<ipe_clock_t>(m, "Clock", "A device's clock against the host's, by the lower convex hull. clock.h")
-        .def("__init__", [](ipe_clock_t* c, double wrap) { ipe_clock_init(new (c) ipe_clock_t{}, wrap); }, "wrap"_a = 0.0,
-             "wrap [s]: device time starts again at 0 after this; 0: never.")
-        .def("map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
-             "device"_a, "host_ns"_a, "Learn from one pair; host time [ns] of the device's instant [s].")
+        .def(
+            "__init__", [](ipe_clock_t* c, double wrap) { ipe_clock_init(new (c) ipe_clock_t{}, wrap); },
+            "wrap"_a = 0.0, "wrap [s]: device time starts again at 0 after this; 0: never.")
+        .def(
+            "map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
+            "device"_a, "host_ns"_a, "Learn from one pair; host time [ns] of the device's instant [s].")
         .def_ro("n_steps", &ipe_clock_t::n_steps);
 
     nb::class_<OwnedPipeline>(m, "Pipeline", "CAN frames and positions in, estimate out. pipeline.h")
         .def(nb::init<const inertiad::Config&>(), "config"_a)
         .def("push_frame", &OwnedPipeline::push_frame, "t_ns"_a, "bus"_a, "can_id"_a, "data"_a, "flags"_a = 0,
              "Status of one CAN frame: 0 taken, > 0 nothing for us, < 0 refused.")
-        .def("push_position", [](OwnedPipeline& p, int64_t t_ns, const inertiad::Vector3& x) { return int(p.view.push_position(t_ns, x)); },
-             "t_ns"_a, "position"_a)
-        .def("step", [](OwnedPipeline& p) { ipe_row_t row; return int(p.view.step(row)); },
-             "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
+        .def(
+            "push_position",
+            [](OwnedPipeline& p, int64_t t_ns, const inertiad::Vector3& x) {
+                return int(p.view.push_position(t_ns, x));
+            },
+            "t_ns"_a, "position"_a)
+        .def(
+            "step",
+            [](OwnedPipeline& p) {
+                ipe_row_t row;
+                return int(p.view.step(row));
+            },
+            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
         .def("drain", &OwnedPipeline::drain, "Step until no row is ready; the rows are kept for Windows.")
         .def("flush", [](OwnedPipeline& p) { p.view.flush(); })
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 
-    nb::class_<Windows>(m, "Windows", "The weak equations y = Y theta - X xi + noise of the rows a Pipeline kept. window.h, systematic.h")
+    nb::class_<Windows>(
+        m, "Windows",
+        "The weak equations y = Y theta - X xi + noise of the rows a Pipeline kept. window.h, systematic.h")
         .def(nb::init<const inertiad::Config&, const OwnedPipeline&>(), "config"_a, "run"_a)
         .def(nb::init<const inertiad::Config&, const Rows&>(), "config"_a, "run"_a)
         .def_prop_ro("t", &Windows::t, nb::rv_policy::move, "[M] s since the first")
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
         .def("X", &Windows::X, "theta"_a, "[M,6,15+2m]");
-    m.def("systematic_std", [](const inertiad::Config& config) {
-        Out<1> out({static_cast<std::size_t>(ipe_systematic_count(config.n_cables()))});
-        double std[IPE_XI_MAX];
-        ipe_systematic_std(&config.c(), std);
-        std::copy_n(std, out.shape[0], out.data);
-        return out.release();
-    }, "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
+    m.def(
+        "systematic_std",
+        [](const inertiad::Config& config) {
+            Out<1> out({static_cast<std::size_t>(ipe_systematic_count(config.n_cables()))});
+            double std[IPE_XI_MAX];
+            ipe_systematic_std(&config.c(), std);
+            std::copy_n(std, out.shape[0], out.data);
+            return out.release();
+        },
+        "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
     bind_batch(m);
 }

@@ -153,12 +153,16 @@ public:
         : data_(data.data()), begin_(begin.data()), due_ns_(due_ns.data()), route_(route.data()), n_(due_ns.shape(0)),
           fds_(fds), start_ns_(start_ns), spin_ns_(spin_ns)
     {
-        if (begin.shape(0) != n_ + 1 || route.shape(0) != n_) { throw std::invalid_argument("begin, route: wrong length"); }
+        if (begin.shape(0) != n_ + 1 || route.shape(0) != n_) {
+            throw std::invalid_argument("begin, route: wrong length");
+        }
         for (std::size_t k = 0; k < n_; ++k) {
             if (route_[k] >= fds_.size()) { throw std::invalid_argument("route: no such descriptor"); }
             if (begin_[k] > begin_[k + 1] || begin_[k] < 0) { throw std::invalid_argument("begin: must not decrease"); }
         }
-        if (n_ > 0 && static_cast<std::size_t>(begin_[n_]) > data.shape(0)) { throw std::invalid_argument("begin: past data"); }
+        if (n_ > 0 && static_cast<std::size_t>(begin_[n_]) > data.shape(0)) {
+            throw std::invalid_argument("begin: past data");
+        }
         for (const int fd : fds_) { is_socket_.push_back(is_datagram_socket(fd)); }
         lateness_ns_.reserve(n_);
     }
@@ -308,11 +312,13 @@ NB_MODULE(inertiad_replay, m)
 {
     nb::set_leak_warnings(false);
     m.doc() = "Read a candump log, and write bytes to descriptors each at its own time.";
-    m.def("parse_candump", &parse_candump, "data"_a,
-          "Frames of a candump log in the order of the file: dict of t_ns, can_id, flags, length, bus [N], data [N, 8 or 64], "
-          "names (interface of each bus), n_lines, n_bad, first_bad (line number), first_reason, n_reported_lost. candump.h");
-    m.def("play", &play, "data"_a, "begin"_a, "due_ns"_a, "route"_a, "fds"_a, "start_ns"_a, "spin_ns"_a,
-          "Write data[begin[k]:begin[k + 1]] to fds[route[k]] at start_ns + due_ns[k] of CLOCK_MONOTONIC, for k = 0 .. N - 1; "
-          "spin_ns before each instant is waited for actively. dict of lateness_ns [items sent] (after the call that sent "
-          "it), n_waits (full queues), is_interrupted (Ctrl-C), error (errno, 0: none) and the route it came from.");
+    m.def(
+        "parse_candump", &parse_candump, "data"_a,
+        "Frames of a candump log in the order of the file: dict of t_ns, can_id, flags, length, bus [N], data [N, 8 or 64], "
+        "names (interface of each bus), n_lines, n_bad, first_bad (line number), first_reason, n_reported_lost. candump.h");
+    m.def(
+        "play", &play, "data"_a, "begin"_a, "due_ns"_a, "route"_a, "fds"_a, "start_ns"_a, "spin_ns"_a,
+        "Write data[begin[k]:begin[k + 1]] to fds[route[k]] at start_ns + due_ns[k] of CLOCK_MONOTONIC, for k = 0 .. N - 1; "
+        "spin_ns before each instant is waited for actively. dict of lateness_ns [items sent] (after the call that sent "
+        "it), n_waits (full queues), is_interrupted (Ctrl-C), error (errno, 0: none) and the route it came from.");
 }

@@ -133,6 +133,50 @@ def encode(
     _say(f"{output}: {n_frames} frames")
 
 
+@app.command(epilog="Example: inertiactl excite firmware/robots/cogiro/robot.toml --duration 20 -o excite.csv")
+def excite(
+    robot: RobotFile,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Pose CSV; beside it FILE.json.")],
+    motion: Annotated[str, typer.Option(metavar="optimal|paper", help="Best found, or there and back.")] = "optimal",
+    duration: Annotated[float, typer.Option(metavar="S", help="Of the whole motion.")] = 20.0,
+    sigma: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Shortest that reaches, e.g. mass=0.2%,cog=1mm,inertia=1%.")
+    ] = None,
+    poses: Annotated[int, typer.Option(metavar="N", min=0, max=60, help="Instead: N poses at rest.")] = 0,
+    hold: Annotated[float, typer.Option(metavar="S", min=0.5, max=100, help="At each of --poses.")] = 3.0,
+    start: Annotated[
+        str | None, typer.Option(metavar="POSE", help="x,y,z,roll,pitch,yaw in m and deg; default: middle of the box.")
+    ] = None,
+    end: Annotated[str | None, typer.Option(metavar="POSE", help="Other end of paper.")] = None,
+    criterion: Annotated[str, typer.Option(metavar="A|D", help="Sum of variances, or volume of uncertainty.")] = "A",
+    starts: Annotated[int, typer.Option(metavar="N", min=1, max=200, help="Searches from random motions.")] = 4,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Same seed, same file.")] = 0,
+    box: Annotated[str | None, typer.Option(metavar="M", help="x_min,y_min,z_min,x_max,y_max,z_max of P.")] = None,
+    tilt: Annotated[float, typer.Option(metavar="DEG", min=1.0, max=80.0, help="At most, from level.")] = 30.0,
+    yaw: Annotated[float, typer.Option(metavar="DEG", min=1.0, max=170.0, help="At most, either way.")] = 35.0,
+    speed: Annotated[float, typer.Option(metavar="M/S", min=0.01, max=100.0, help="Tracker's limit.")] = 4.0,
+    acceleration: Annotated[float, typer.Option(metavar="M/S2", min=0.01, max=100.0, help="Tracker's limit.")] = 2.0,
+    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw motion, tensions, sigma ellipses.")] = None,
+) -> None:
+    """Plan a motion that tells mass, CoG and inertia as well as the cables allow, and predict how well.
+
+    The file holds t, pose, velocities and accelerations; simulate --trajectory reads it.
+    """
+    from inertiad import excite as planner
+
+    asked = planner.Asked(
+        motion, duration, sigma, poses, hold, start, end, criterion, box, tilt, yaw, speed, acceleration
+    )
+    with _progress() as progress:
+        request, plan = planner.plan(robot, asked, starts, seed, progress)
+        planner.write_csv(output, plan)
+        planner.write_json(output.with_suffix(".json"), request, plan)
+        if picture is not None:
+            planner.draw(picture, request, plan)
+    for line in planner.spoken(plan):
+        _say(line)
+
+
 @app.command(epilog="Example: inertiactl watch --seconds 10")
 def watch(
     url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
@@ -158,7 +202,11 @@ def replay(
     stop: Annotated[float | None, typer.Option(metavar="S", help="Leave out what is after, s.")] = None,
     tracker: Annotated[
         str | None,
-        typer.Option(metavar="lcm|none", help="Where tracker.csv goes; default: lcm, none with --bus -."),
+        typer.Option(
+            metavar="lcm|none|FORMAT=ADDRESS",
+            help="Where tracker.csv goes; default: lcm, none with --bus -. An emulated instrument: "
+            "dtrack=udp:127.0.0.1:5000, formats and addresses as in record.",
+        ),
     ] = None,
     url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
     prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
@@ -166,11 +214,10 @@ def replay(
     """Play a run again as it was recorded: frames to CAN or stdout, tracker positions as LCM messages."""
     from inertiad import replay as replayer
 
-    if tracker not in (None, "lcm", "none"):
-        raise InputError(f"--tracker {tracker}: allowed: lcm, none")
+    layout, address = replayer.emulated(tracker)
     buses, remarks = bus or [], list[str]()
-    is_tracked = tracker == "lcm" or (tracker is None and buses != ["-"])
-    options = replayer.Options(run, buses, speed, loop, start, stop, is_tracked, url, prefix)
+    is_tracked = tracker not in (None, "none") or (tracker is None and buses != ["-"])
+    options = replayer.Options(run, buses, speed, loop, start, stop, is_tracked, url, prefix, layout, address)
     with _progress() as progress:
         progress(f"play {run}")
         played = replayer.replay(options, remarks)
@@ -203,7 +250,7 @@ def fit(
 
     with _progress() as progress:
         progress("read and fit")
-        described, config, estimate, recordings, held_out = fitter.main(runs, robot, method, validate or [])
+        described, estimate, recordings, held_out = fitter.main(runs, robot, method, validate or [])
         progress("look for mistakes")
         found = diagnose.diagnose(described, recordings)
     typer.echo(fitter.text(estimate, fitter.truth_of(runs)))
@@ -269,7 +316,7 @@ def verify(
     url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
     latency_max: Annotated[float, typer.Option(metavar="S", help="p99 allowed, frame's stamp to message.")] = 0.1,
 ) -> None:
-    """Run the daemon on a recorded run and check line by line that it does what it must. Exit code 1: a check failed."""
+    """Run the daemon on a recorded run and check line by line what it does. Exit code 1: a check failed."""
     from inertiad import verify as verifier
 
     buses = () if bus in (None, [], ["file"]) else tuple(bus or ())
@@ -283,6 +330,42 @@ def verify(
     typer.echo(f"{'FAIL' if n_failed else 'PASS'}: {len(checks) - n_failed} of {len(checks)} checks passed")
     if n_failed:
         raise typer.Exit(1)
+
+
+@app.command(epilog="Example: inertiactl record --from udp:5000 --format dtrack -o run")
+def record(
+    address: Annotated[
+        str,
+        typer.Option(
+            "--from", metavar="ADDRESS", help="udp:PORT tcp:HOST:PORT tcp-listen:PORT serial:DEV file:PATH"
+        ),
+    ],
+    output: RunFolder,
+    form: Annotated[
+        str, typer.Option("--format", metavar="NAME", help="text, struct, spatialanalyzer, emscon, dtrack.")
+    ] = "text",
+    columns: Annotated[str, typer.Option(metavar="A,B,..", help="x y z t frame valid, - to skip.")] = "t,x,y,z",
+    separator: Annotated[str, typer.Option(metavar="TEXT", help="Between columns of text; empty: blanks.")] = ",",
+    layout: Annotated[str, typer.Option("--struct", metavar="TEXT", help="One letter per column, as <Id3d.")] = "",
+    unit: Annotated[str, typer.Option(metavar="m|mm|..", help="Of x y z.")] = "m",
+    time_unit: Annotated[str, typer.Option(metavar="s|ms|us|ns", help="Of t.")] = "s",
+    wrap: Annotated[float, typer.Option("--time-wrap", metavar="S", help="Device time starts again after this.")] = 0.0,
+    body: Annotated[int | None, typer.Option(metavar="N", help="Body to take from dtrack; default: the first.")] = None,
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
+    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
+    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+) -> None:
+    """Record a laser tracker or motion capture system: publish TRACKER, write tracker.csv and run.lcmlog.
+
+    Formats with examples: python -m pydoc inertiad.instrument. Ctrl-C ends it with a summary.
+    """
+    from inertiad import instrument
+    from inertiad import record as recorder
+
+    named = tuple(columns.split(","))
+    described = instrument.Layout(form, named, separator, layout, unit, time_unit, wrap, body)
+    for line in recorder.record(recorder.Options(address, described, output, url, prefix, seconds)):
+        _say(line)
 
 
 def main() -> None:

@@ -1,0 +1,468 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Record a position instrument beside the platform: bytes in, TRACKER messages and a run folder out.
+
+RUN/tracker.csv: valid positions in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every message of
+the channel prefix, TRACKER (with device time and lost samples) among them.
+"""
+
+import contextlib
+import os
+import selectors
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, Final, Protocol
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+import inertiad_core
+from inertiad import encode, lcmlog, watch
+from inertiad.error import InputError
+from inertiad.instrument import Layout, Parser, Sample
+from inertiad_lcm import tracker_t
+
+QUEUE: Final = 200_000
+RECEIVE_BUFFER: Final = 8_000_000
+SILENT: Final = 2.0
+"""s without a byte after which a peer counts as hanging and is connected anew"""
+RETRY: Final = 0.5
+"""s between attempts to connect"""
+POLL: Final = 0.05
+FAR: Final = encode.TRACKER_FAR
+UNBELIEVABLE: Final = 1e7
+"""m: beyond it is not a wrong unit but wrong bytes"""
+JUDGE_AFTER: Final = 20
+"""samples, all of them out of range, after which the recording is refused"""
+STEP_BACK: Final = 1.0
+"""s of device time: more is a restart of the instrument, less a late duplicate"""
+
+
+# ---- where bytes come from -------------------------------------------------------------------------------------------
+
+
+class Input(Protocol):
+    """A source of bytes. receive() gives what is there, [] after POLL s without any."""
+
+    is_connected: bool
+    n_connected: int
+    n_foreign: int
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        """Pieces, each with whether it ends what came before it (datagram, connection)."""
+
+    def close(self) -> None:
+        """Let go."""
+
+
+class Udp:
+    """Datagrams from the first sender heard; those of others are counted and left out."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        self._socket.bind((host, port))
+        self._socket.settimeout(POLL)
+        self._peer: Any = None
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        try:
+            data, peer = self._socket.recvfrom(65536)
+        except TimeoutError:
+            return []
+        if self._peer is None:
+            self._peer, self.is_connected, self.n_connected = peer, True, 1
+        if peer != self._peer:
+            self.n_foreign += 1
+            return []
+        return [(data, True)]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Stream:
+    """A connection that is made again whenever it ends or falls silent."""
+
+    def __init__(self, connect: Callable[[], Any], can_hang: bool) -> None:
+        self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
+        self._connect, self._can_hang = connect, can_hang
+        self._peer: Any = None
+        self._heard = self._tried = 0.0
+
+    def _try(self) -> None:
+        now = time.monotonic()
+        if now - self._tried < RETRY:
+            time.sleep(POLL)
+            return
+        self._tried = now
+        with contextlib.suppress(OSError):
+            self._peer = self._connect()
+        if self._peer is not None:
+            self._heard, self.is_connected = time.monotonic(), True
+            self.n_connected += 1
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        if self._peer is None:
+            self._try()
+            return []
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._peer, selectors.EVENT_READ)
+            if not selector.select(POLL):
+                is_silent = self._can_hang and time.monotonic() - self._heard > SILENT
+                return self._lose() if is_silent else []
+        try:
+            data = os.read(self._peer.fileno(), 65536)
+        except OSError:
+            data = b""
+        if not data:
+            return self._lose()
+        self._heard = time.monotonic()
+        return [(data, False)]
+
+    def _lose(self) -> list[tuple[bytes, bool]]:
+        self._peer.close()
+        self._peer, self.is_connected = None, False
+        return [(b"", True)]
+
+    def close(self) -> None:
+        if self._peer is not None:
+            self._peer.close()
+
+
+class Server(Stream):
+    """A listening socket; one peer at a time."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._listener = socket.create_server((host, port))
+        self._listener.settimeout(POLL)
+        super().__init__(lambda: self._listener.accept()[0], can_hang=True)
+
+    def close(self) -> None:
+        super().close()
+        self._listener.close()
+
+
+class Tail:
+    """A file that grows, from its beginning."""
+
+    def __init__(self, path: str) -> None:
+        self.is_connected, self.n_connected, self.n_foreign = True, 1, 0
+        self._file = open(path, "rb")  # noqa: SIM115 - closed by close()
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        data = self._file.read(65536)
+        if not data:
+            time.sleep(POLL)
+            return []
+        return [(data, False)]
+
+    def close(self) -> None:
+        self._file.close()
+
+
+ADDRESSES: Final = "udp:[HOST:]PORT, tcp:HOST:PORT, tcp-listen:[HOST:]PORT, serial:DEVICE[@BAUD], file:PATH"
+
+
+def _serial(device: str, baud: int) -> Any:
+    import serial
+
+    return serial.Serial(device, baud, timeout=0)
+
+
+def _host_port(place: str, address: str) -> tuple[str, int]:
+    host, _, port = place.rpartition(":")
+    if not port.isdecimal() or not 0 < int(port) < 65536:
+        raise InputError(f"--from {address}: port: allowed: 1 to 65535")
+    return host, int(port)
+
+
+def open_input(address: str) -> Input:
+    """An input by its address, see ADDRESSES. InputError: none of them, or it cannot be opened."""
+    scheme, _, place = address.partition(":")
+    try:
+        match scheme:
+            case "udp":
+                return Udp(*_host_port(place, address))
+            case "tcp":
+                host, port = _host_port(place, address)
+                return Stream(
+                    lambda: socket.create_connection((host or "127.0.0.1", port), timeout=RETRY), can_hang=True
+                )
+            case "tcp-listen":
+                return Server(*_host_port(place, address))
+            case "serial":
+                device, _, baud = place.partition("@")
+                return Stream(lambda: _serial(device, int(baud or 115200)), can_hang=False)
+            case "file":
+                return Tail(place)
+    except OSError as error:
+        raise InputError(f"--from {address}: {error.strerror}") from None
+    raise InputError(f"--from {address}: allowed: {ADDRESSES}")
+
+
+# ---- what is made of samples -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class Counts:
+    """What has happened so far."""
+
+    n_bytes: int = 0
+    n_samples: int = 0
+    n_published: int = 0
+    n_invalid: int = 0
+    """beam lost"""
+    n_lost: int = 0
+    """frame numbers left out"""
+    n_repeated: int = 0
+    """duplicates and samples out of order, left out"""
+    n_far: int = 0
+    """not believable: unit or byte order"""
+    n_bad: int = 0
+    """packets or lines that cannot be read"""
+    latency_us: deque[float] = field(default_factory=lambda: deque(maxlen=10_000))
+    """from the earliest possible arrival to the real one, by the clock's fit; the last 10000"""
+    host_ns: deque[int] = field(default_factory=lambda: deque(maxlen=1000))
+    """the last 1000"""
+
+    def rate(self) -> float:
+        """Hz over the last samples."""
+        t = self.host_ns
+        return (len(t) - 1) / (1e-9 * (t[-1] - t[0])) if len(t) > 1 and t[-1] > t[0] else 0.0
+
+
+class Tracker:
+    """Samples to host time, checked, counted."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.counts = Counts()
+        self._clock = inertiad_core.Clock(layout.time_wrap)
+        self._frame: int | None = None
+        self._time: float | None = None
+
+    def _is_repeated(self, sample: Sample) -> bool:
+        """By frame number, else by device time; counts the frames left out."""
+        if sample.frame is not None:
+            step = 1 if self._frame is None else (sample.frame - self._frame + 2**31) % 2**32 - 2**31
+            if -1000 < step <= 0:
+                return True
+            self.counts.n_lost += step - 1 if step > 1 else 0
+            self._frame = sample.frame
+        elif sample.t_device is not None:
+            step_s = 1.0 if self._time is None else sample.t_device - self._time
+            if -STEP_BACK < step_s <= 0.0:
+                return True
+            self._time = sample.t_device
+        return False
+
+    def _is_far(self, sample: Sample) -> bool:
+        worst = max(abs(v) for v in sample.position)
+        if worst <= FAR:
+            return False
+        c = self.counts
+        c.n_far += 1
+        if c.n_far >= JUDGE_AFTER and c.n_published == 0:
+            if worst > UNBELIEVABLE:
+                raise InputError(
+                    f"positions such as {worst:.3g} m: allowed: within {FAR:g} m; is the byte order right?"
+                )
+            raise InputError(f"positions such as {worst:.6g} m: allowed: within {FAR:g} m; is it in mm? try --unit mm")
+        return True
+
+    def take(self, sample: Sample, host_ns: int) -> tracker_t | None:
+        """The message for a sample that arrived at host_ns; None: left out. InputError: nothing but nonsense comes."""
+        c = self.counts
+        c.n_samples += 1
+        c.host_ns.append(host_ns)
+        if self._is_repeated(sample):
+            c.n_repeated += 1
+            return None
+        if sample.valid and self._is_far(sample):
+            return None
+        message = tracker_t()
+        message.t_ns = host_ns
+        if sample.t_device is not None:
+            message.t_ns = self._clock.map(sample.t_device, host_ns)
+            message.t_device_ns = round(1e9 * sample.t_device)
+            c.latency_us.append(1e-3 * (host_ns - message.t_ns))
+        c.n_invalid += not sample.valid
+        message.valid, message.position = sample.valid, list(sample.position)
+        message.sequence, message.n_dropped = c.n_published, c.n_lost
+        c.n_published += 1
+        return message
+
+
+# ---- LCM and files ---------------------------------------------------------------------------------------------------
+
+
+class LcmRecorder(threading.Thread):
+    """Write every message of the prefix into a log, in a thread."""
+
+    def __init__(self, url: str, prefix: str, path: Path) -> None:
+        super().__init__(daemon=True)
+        self.log = lcmlog.Writer(path)
+        self.n_by_channel: dict[str, int] = {}
+        self._is_over = threading.Event()
+        self._link: Any = watch.connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
+        self._link.subscribe(f"{prefix}.*", self._take).set_queue_capacity(QUEUE)
+
+    def _take(self, channel: str, data: bytes) -> None:
+        self.n_by_channel[channel] = self.n_by_channel.get(channel, 0) + 1
+        self.log.write(time.time_ns() // 1000, channel, data)
+
+    def run(self) -> None:
+        while not self._is_over.is_set():
+            self._link.handle_timeout(50)
+
+    def stop(self) -> None:
+        """Take what still comes, and close the log."""
+        time.sleep(0.2)
+        self._is_over.set()
+        self.join()
+        self.log.close()
+
+
+@dataclass(frozen=True)
+class Options:
+    """What `inertiactl record` was asked to do."""
+
+    address: str
+    layout: Layout
+    folder: Path
+    url: str
+    prefix: str = "INERTIAD_"
+    seconds: float | None = None
+
+
+class Recording:
+    """Everything a recording writes to."""
+
+    def __init__(self, options: Options) -> None:
+        self.folder = encode.open_run(options.folder)
+        for name in ("tracker.csv", "run.lcmlog"):
+            if (self.folder / name).exists():
+                raise InputError(f"{self.folder / name}: is there already: allowed: a new run folder")
+        self.tracker = Tracker(options.layout)
+        self.parser = Parser(options.layout)
+        self.error = ""
+        self._channel = f"{options.prefix}TRACKER"
+        self.lcm = LcmRecorder(options.url, options.prefix, self.folder / "run.lcmlog")
+        self._link = watch.connect(options.url)
+        self._raw = (self.folder / "tracker.raw").open("wb")
+        self._csv = (self.folder / "tracker.csv").open("wb")
+        self._write(self._csv, (encode.TRACKER_HEADER + "\n").encode())
+        self._last_ns = 0
+        self.n_rows = self.n_out_of_order = 0
+        self.lcm.start()
+
+    def _write(self, file: BinaryIO, data: bytes) -> None:
+        try:
+            file.write(data)
+        except OSError as error:
+            self.error = f"{file.name}: {error.strerror}"
+
+    def take(self, data: bytes, is_end: bool) -> None:
+        """Bytes that have come now."""
+        host_ns = time.time_ns()
+        self.tracker.counts.n_bytes += len(data)
+        self._write(self._raw, data)
+        samples = self.parser.feed(data) + (self.parser.end() if is_end else [])
+        self.tracker.counts.n_bad = self.parser.n_bad
+        for sample in samples:
+            message = self.tracker.take(sample, host_ns)
+            if message is not None:
+                self._link.publish(self._channel, message.encode())
+                self._keep(message)
+
+    def _keep(self, message: tracker_t) -> None:
+        """A row of tracker.csv: valid, and later than the one before."""
+        if not message.valid:
+            return
+        if (
+            message.t_ns // 1000 <= self._last_ns // 1000
+        ):  # came together without device time, or the clock's fit became better
+            self.n_out_of_order += 1
+            return
+        self.n_rows += 1
+        self._last_ns = message.t_ns
+        s, us = divmod(message.t_ns // 1000, 1_000_000)
+        x, y, z = message.position
+        self._write(self._csv, f"{s}.{us:06d},{x:.9f},{y:.9f},{z:.9f}\n".encode())
+
+    def close(self) -> None:
+        """Close all files."""
+        self.lcm.stop()
+        for file in (self._raw, self._csv):
+            try:
+                file.close()
+            except OSError as error:
+                self.error = f"{file.name}: {error.strerror}"
+
+
+# ---- show ------------------------------------------------------------------------------------------------------------
+
+
+def facts(source: Input, recording: Recording) -> Iterator[tuple[str, str]]:
+    """Name and value of everything worth showing."""
+    c = recording.tracker.counts
+    yield "connected", f"{'yes' if source.is_connected else 'no'}, {source.n_connected} times"
+    yield "samples", f"{c.n_samples} received, {c.n_published} published, {c.rate():.1f} Hz, {c.n_bytes} bytes"
+    yield "lost, repeated", f"{c.n_lost} lost by frame number, {c.n_repeated} duplicates or out of order"
+    yield "beam lost", f"{c.n_invalid} samples"
+    bad = f"{c.n_bad} unreadable, {c.n_far} out of range, {source.n_foreign} from another sender"
+    yield "left out", bad + (f"; last: {recording.parser.last_bad}" if c.n_bad else "")
+    if c.latency_us:
+        p50, p99, worst = np.percentile(c.latency_us, [50, 99, 100])
+        yield "late", f"{p50:.0f} us (p50), {p99:.0f} us (p99), {worst:.0f} us (max) after the earliest arrivals"
+    n = recording.n_out_of_order
+    unordered = f", {n} left out: not later than the row before" if n else ""
+    yield "tracker.csv", f"{recording.n_rows} rows{unordered}"
+    log = recording.lcm.log
+    channels = ", ".join(f"{k} {name}" for name, k in sorted(recording.lcm.n_by_channel.items()))
+    yield "LCM log", f"{log.n_events} messages ({channels or 'none yet'}), {log.n_failed} not written"
+    error = recording.error or log.error
+    if error:
+        yield "not written", error
+
+
+def _view(source: Input, recording: Recording) -> Table:
+    table = Table(title=str(recording.folder), title_justify="left", show_header=False)
+    for name, value in facts(source, recording):
+        table.add_row(name, value)
+    return table
+
+
+def record(options: Options) -> list[str]:
+    """Record until interrupted or for options.seconds; the summary. InputError: see open_input(), Tracker.take()."""
+    options.layout.check()
+    source = open_input(options.address)
+    recording = Recording(options)
+    end = float("inf") if options.seconds is None else time.monotonic() + options.seconds
+    console = Console(stderr=True)
+    try:
+        with contextlib.ExitStack() as stack:
+            live = None
+            if console.is_terminal:
+                live = stack.enter_context(Live(_view(source, recording), console=console, refresh_per_second=4))
+            shown = time.monotonic()
+            while time.monotonic() < end:
+                for data, is_end in source.receive():
+                    recording.take(data, is_end)
+                if live is not None and time.monotonic() - shown > 0.25:
+                    shown = time.monotonic()
+                    live.update(_view(source, recording))
+    except KeyboardInterrupt:
+        pass
+    finally:
+        source.close()
+        recording.close()
+    return [f"{name}: {value}" for name, value in facts(source, recording)]

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Planned motions: the prediction is the daemon's own, gradients are right, limits hold, refusals name the limit."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import COGIRO, TOP, minimal_toml
+from scipy.spatial.transform import Rotation
+
+from inertiad import estimate, excite, information, trajectory
+from inertiad import robot as description
+from inertiad.error import InputError
+from inertiad.excite import Asked
+from inertiad.information import Model
+from inertiad.limits import Checker
+
+ROBOT = COGIRO / "robot.toml"
+
+
+@pytest.fixture(scope="module")
+def request_():
+    robot = description.load(ROBOT)
+    model = Model(robot, str(ROBOT), robot.nominal)
+    limits = excite.limits_from(model, None, 30.0, 35.0, 4.0, 2.0)
+    start = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
+    return excite.Request(Checker(model, limits), start, n_starts=2)
+
+
+@pytest.fixture(scope="module")
+def best(request_):
+    """The best motion of 12 s."""
+    return excite.optimal(request_, 12.0, lambda step: None)
+
+
+def problem(request_, duration=11.0, criterion="A"):
+    model = request_.checker.model
+    goal = excite.goal_of(model, criterion, static=False)
+    return excite.Problem(request_.checker, excite.motion_basis(duration, 0.2, model), goal, request_.start)
+
+
+def log_inertia(sigma):
+    return float(np.mean(np.log(sigma[4:])))
+
+
+def daemon_sigma(run):
+    """Standard deviations [10] that the daemon reports of a run folder."""
+    build = TOP / "build/bin"
+    subprocess.run([build / "inertiactl", "compile", run / "robot.toml", "-o", run / "robot.cfg"], check=True)
+    files = ["--bus", f"file:{run}/can.log?speed=0", "--tracker", f"file:{run}/tracker.csv"]
+    command = [build / "inertiad", "--config", run / "robot.cfg", *files, "--estimate", run / "estimate.json"]
+    subprocess.run(command, check=True, capture_output=True)
+    return np.array(estimate.read(run / "estimate.json").std)
+
+
+@pytest.mark.parametrize("criterion", ["A", "D"])
+def test_gradient_is_that_of_the_lagrangian(request_, criterion):
+    p = problem(request_, criterion=criterion)
+    c = 1.5 * excite.random_series(p, np.random.default_rng(1))
+    multiplier = np.full_like(p.evaluate(c)[1], 0.1)
+    along = np.random.default_rng(2).standard_normal(c.shape)
+    step = 1e-5
+    values = [p.lagrangian(c + s * step * along, multiplier, 10.0)[0] for s in (1, -1)]
+    gradient = p.lagrangian(c, multiplier, 10.0)[1]
+    assert (values[0] - values[1]) / (2 * step) == pytest.approx(float(np.sum(gradient * along)), rel=2e-3)
+
+
+def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, best):
+    checker, path = request_.checker, trajectory.paper()
+    t = information.sample_times(path)
+    motion = path.at(t)
+    f = checker.tensions(motion)
+    whole = checker.model.sigma(checker.model.information(checker.model.windows(motion, f, 100.0)))
+    t = information.sample_times(best.path)
+    motion = best.path.at(t)
+    f = checker.tensions(motion)
+    ours = checker.model.sigma(checker.model.information(checker.model.windows(motion, f, 100.0)))
+    per_time = np.sqrt(path.duration / best.path.duration)
+    assert log_inertia(whole * per_time) - log_inertia(ours) > np.log(2.0)
+
+    p, dice = problem(request_), np.random.default_rng(99)
+    costs = [p.evaluate(excite.random_series(p, dice))[0] for _ in range(60)]
+    doubled = np.log(2.0)  # windows come at half of the problem's hop
+    assert p.cost(checker.model.windows(motion, f, 100.0))[0] + doubled < min(costs)
+
+
+def test_motion_keeps_every_limit_and_rests_at_both_ends(request_, best):
+    t = np.arange(0.0, best.path.duration, 0.013)
+    motion = best.path.at(t)
+    f, limits = request_.checker.tensions(motion), request_.checker.limits
+    assert f.min() >= 100.0
+    assert f.max() <= 5000.0
+    assert np.all(motion.p >= limits.low - 1e-3)
+    assert np.all(motion.p <= limits.high + 1e-3)
+    assert np.linalg.norm(motion.a, axis=1).max() < 2.0 * 1.02
+    assert np.linalg.norm(motion.v, axis=1).max() < 4.0
+    assert np.rad2deg(np.arccos(motion.R[:, 2, 2])).max() < 30.5
+    ends = best.path.at(np.array([0.0, best.path.duration]))
+    for values in (ends.v, ends.a, ends.omega, ends.alpha):
+        assert np.abs(values).max() < 1e-9
+
+
+def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(best, tmp_path):
+    excite.write_csv(tmp_path / "x.csv", best)
+    data = np.genfromtxt(tmp_path / "x.csv", delimiter=",", names=True)
+    back = trajectory.read(tmp_path / "x.csv").at(data["t"])
+    assert np.abs(back.p - np.column_stack([data["x"], data["y"], data["z"]])).max() < 1e-6
+    assert np.abs(back.v[:, 0] - data["vx"]).max() < 1e-3
+    assert np.abs(back.omega[:, 2] - data["omega_z"]).max() < 1e-3
+    R = Rotation.from_euler("ZYX", np.column_stack([data["yaw"], data["pitch"], data["roll"]])).as_matrix()
+    assert np.abs(back.R - R).max() < 1e-6
+
+
+def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_path):
+    excite.write_csv(tmp_path / "x.csv", best)
+    reported = []
+    for seed in range(3):
+        run = tmp_path / f"run{seed}"
+        options = ["--trajectory", tmp_path / "x.csv", "--rate", 200, "--seed", 100 + seed, "-o", run]
+        assert inertiactl("simulate", ROBOT, *options).returncode == 0
+        reported.append(daemon_sigma(run))
+    ratio = np.median(reported, axis=0) / best.sigma
+    assert np.all((ratio > 1 / 1.3) & (ratio < 1.3)), ratio
+
+
+def test_same_seed_same_motion(request_):
+    p = problem(request_, duration=5.0)
+    a, b = (excite.search(p, 3, 0) for _ in range(2))
+    assert a[0] == b[0]
+    assert np.array_equal(a[1], b[1])
+
+
+def test_poses_at_rest_tell_mass_and_cog(request_):
+    plan = excite.static_poses(request_, 5, 2.0, lambda step: None)
+    prior = request_.checker.model.prior_sigma()
+    assert np.all(plan.sigma[:4] < 0.05 * prior[:4])
+    assert plan.tension[0] >= 100.0
+
+
+def test_paper_there_and_back(tmp_path):
+    _, plan = excite.plan(ROBOT, Asked(motion="paper"), 1, 0, lambda step: None)
+    start, end = trajectory.PAPER_PAIRS[0]
+    middle = plan.path.at(np.array([0.0, 0.5 * plan.path.duration])).p
+    assert np.allclose(middle, [start[:3], end[:3]])
+
+
+def test_unreachable_sigma_names_what_limits_it(request_, best):
+    wanted = excite.wanted_sigma("mass=0.01%", request_.checker.model)
+    assert "[std] force_gain = 0.005" in excite._out_of_reach(request_.checker.model, best, wanted)
+
+
+def test_wanted_sigma_in_units(request_):
+    wanted = excite.wanted_sigma("mass=0.2%,cog=1mm", request_.checker.model)
+    assert wanted[:4] == pytest.approx([0.322116, 1e-3, 1e-3, 1e-3])
+    assert np.all(np.isinf(wanted[4:]))
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (Asked(duration=0.0), "--duration 0: allowed: 5 to 600 s"),
+        (Asked(box="1,1,1,0,2,2"), "allowed: every minimum below its maximum"),
+        (Asked(box="1,1"), "allowed: 6 numbers"),
+        (Asked(start="7,5,5,0,0,0"), "start pose: no rest within the limits: tension_min of cable"),
+        (Asked(start="0,0,2,50,0,0"), "start pose: no rest within the limits: tilt"),
+        (Asked(sigma="mass=3"), "allowed: mass=0.2% or kg"),
+        (Asked(criterion="E"), "allowed: A, D"),
+        (Asked(motion="circle"), "allowed: optimal, paper"),
+        (Asked(motion="paper", end="6,5,5,0,0,0"), "pose 2: no rest within the limits"),
+    ],
+)
+def test_what_cannot_be_done_is_said(asked, message):
+    with pytest.raises(InputError) as error:
+        excite.plan(ROBOT, asked, 1, 0, lambda step: None)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_anchors_below_the_platform(robot_file):
+    text = ROBOT.read_text()
+    for height in ("5.3928", "5.4009", "5.3987", "5.4106", "5.4080", "5.4182", "5.3878", "5.3975"):
+        text = text.replace(f"{height}]", f"-{height}]")
+    with pytest.raises(InputError, match="every anchor is below the platform"):
+        excite.plan(robot_file(text), Asked(), 1, 0, lambda step: None)
+
+
+BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0]\n"
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [(BODY, "4 cables leave 2 of 6 degrees of freedom free"), ("", r"no \[nominal\] body")],
+)
+def test_four_cables_or_no_body(robot_file, extra, message):
+    with pytest.raises(InputError, match=message):
+        excite.plan(robot_file(minimal_toml(4, extra)), Asked(), 1, 0, lambda step: None)
+
+
+def test_command_writes_plan_prediction_and_picture(inertiactl, tmp_path):
+    files = ["-o", tmp_path / "p.csv", "--picture", tmp_path / "p.png"]
+    result = inertiactl("excite", ROBOT, "--motion", "paper", *files)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == ""
+    found = json.loads((tmp_path / "p.json").read_text())
+    assert found["predicted"]["mass"]["std"] > 0.0
+    assert (tmp_path / "p.png").stat().st_size > 10_000

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""record: every format over real sockets from the emulator; bad input is counted or refused with a hint."""
+
+import json
+import os
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import TOP
+
+from inertiad import instrument, lcmlog, record
+from inertiad.error import InputError
+from inertiad.instrument import Layout, Parser, Sample
+from inertiad_lcm import tracker_t
+
+ROUTE = 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
+ISOLATED = ["unshare", "-n", "sh", "-c", ROUTE, "-"]
+STRUCT = Layout("struct", ("frame", "t", "x", "y", "z"), struct="<Id3d")
+LAYOUTS = [Layout("text"), STRUCT, Layout("spatialanalyzer"), Layout("emscon"), Layout("dtrack")]
+RATE, SECONDS = 238.0, 2.0
+
+# Runs inside a network of its own: recorder and emulator over loopback, both as a user starts them.
+END_TO_END = """
+import json, os, signal, subprocess, sys, time
+run, out, form, source, sink, options = sys.argv[1:6] + [json.loads(sys.argv[6])]
+python = [sys.executable, "-m", "inertiad"]
+recorder = subprocess.Popen([*python, "record", *options, "--from", source, "--format", form, "-o", out])
+while not os.path.exists(out + "/tracker.csv"):
+    time.sleep(0.05)
+    assert recorder.poll() is None
+subprocess.run([*python, "replay", run, "--tracker", f"{form}={sink}"], check=True)
+time.sleep(1.0)
+recorder.send_signal(signal.SIGINT)
+sys.exit(recorder.wait())
+"""
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """SECONDS of a tracker at RATE."""
+    t = 100.0 + np.arange(int(RATE * SECONDS)) / RATE
+    xyz = np.column_stack([np.sin(t), np.cos(t), 2.0 + 0.1 * np.sin(3.0 * t)])
+    folder = tmp_path / "played"
+    folder.mkdir()
+    np.savetxt(folder / "tracker.csv", np.column_stack([t, xyz]), "%.9f", ",", header="t,x,y,z", comments="")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("form", "source", "sink", "options"),
+    [
+        ("text", "udp:5001", "udp:127.0.0.1:5001", []),
+        ("text", "tcp-listen:5002", "tcp:127.0.0.1:5002", []),
+        ("struct", "tcp:127.0.0.1:5003", "tcp-listen:5003", ["--struct", "<Id3d", "--columns", "frame,t,x,y,z"]),
+        ("spatialanalyzer", "udp:5004", "udp:127.0.0.1:5004", []),
+        ("emscon", "tcp:127.0.0.1:5005", "tcp-listen:5005", []),
+        ("dtrack", "udp:5006", "udp:127.0.0.1:5006", []),
+    ],
+)
+def test_emulated_instrument_is_recorded_without_loss(run, tmp_path, form, source, sink, options):
+    out = tmp_path / "recorded"
+    command = [*ISOLATED, sys.executable, "-c", END_TO_END, run, out, form, source, sink, json.dumps(options)]
+    result = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=60, cwd=TOP)
+    print(result.stderr)
+    assert result.returncode == 0, result.stderr
+    played = np.loadtxt(run / "tracker.csv", delimiter=",", skiprows=1)
+    events = [e for e in lcmlog.read(out / "run.lcmlog") if e.channel == "INERTIAD_TRACKER"]
+    messages = [tracker_t.decode(e.data) for e in events]
+    assert [m.sequence for m in messages] == list(range(len(played)))
+    assert np.array([m.position for m in messages]) == pytest.approx(played[:, 1:], abs=1e-8)
+    assert (out / "tracker.raw").stat().st_size > 20 * len(played)
+    rows = np.loadtxt(out / "tracker.csv", delimiter=",", skiprows=1)
+    if form in ("text", "struct", "dtrack"):  # they tell device time, so the spacing is the device's
+        assert len(rows) >= len(played) - 20  # fewer while the clock's fit settles on a busy machine
+        assert np.diff(rows[-200:, 0]) == pytest.approx(1 / RATE, abs=2e-4)
+
+
+# ---- bytes to samples ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda x: x.format)
+@pytest.mark.parametrize("chunk", [1, 7, 1000])
+def test_stream_cut_anywhere_gives_the_same_samples(layout, chunk):
+    samples = [Sample((0.1 * k, -1.5, 2.0), 10.0 + k) for k in range(5)]
+    stream = b"".join(instrument.encode(layout, s, k + 1) for k, s in enumerate(samples))
+    parser = Parser(layout)
+    found = [s for i in range(0, len(stream), chunk) for s in parser.feed(stream[i : i + chunk])]
+    assert np.array([s.position for s in found]) == pytest.approx(np.array([s.position for s in samples]))
+    assert parser.n_bad == 0
+
+
+def test_units_columns_and_separator():
+    parser = Parser(Layout("text", ("frame", "-", "x", "y", "z", "valid", "t"), "", unit="mm", time_unit="ms"))
+    (sample,) = parser.feed(b"7 junk 1000 2000 -500 0 1500\n")
+    assert sample == Sample((1.0, 2.0, -0.5), 1.5, 7, False)
+
+
+def test_unreadable_lines_and_half_packets_are_counted():
+    parser = Parser(Layout("text"))
+    assert len(parser.feed(b"1,2,3,4\nnonsense\n1,2\n1,2,3,5\n")) == 2
+    assert parser.n_bad == 2
+    half = Parser(STRUCT)
+    half.feed(b"\0" * 11)
+    half.end()
+    assert (half.n_bad, half.last_bad) == (1, "half a packet")
+    swapped = Parser(Layout("emscon"))
+    swapped.feed(struct.pack(">ii", 68, 3) + bytes(60))
+    assert swapped.n_bad == 1
+
+
+def test_dtrack_body_out_of_sight_is_beam_lost():
+    parser = Parser(Layout("dtrack"))
+    (sample,) = parser.feed(b"fr 1\nts 10.5\n6d 0\n")
+    assert (sample.valid, sample.frame, sample.t_device) == (False, 1, 10.5)
+
+
+# ---- samples to messages ---------------------------------------------------------------------------------------------
+
+
+def feed(tracker: record.Tracker, samples: list[Sample], period: float = 0.01) -> list[tracker_t]:
+    messages = [tracker.take(s, 10**18 + round(1e9 * period * k)) for k, s in enumerate(samples)]
+    return [m for m in messages if m is not None]
+
+
+def test_millimetres_for_metres_are_refused_with_a_hint():
+    with pytest.raises(InputError, match=r"is it in mm\? try --unit mm"):
+        feed(record.Tracker(Layout("text")), [Sample((1500.0, 200.0, 2000.0), 0.01 * k) for k in range(30)])
+
+
+def test_wrong_byte_order_is_refused_with_a_hint():
+    big = b"".join(struct.pack(">Id3d", k, 0.01 * k, 1.1, 2.2, 3.3) for k in range(30))
+    with pytest.raises(InputError, match="byte order"):
+        feed(record.Tracker(STRUCT), [Sample(s.position) for s in Parser(STRUCT).feed(big)])
+
+
+def test_lost_repeated_and_late_frames_are_counted():
+    tracker = record.Tracker(STRUCT)
+    order = [1, 2, 2, 5, 4, 6, 2**32 - 1, 0, 1]
+    feed(tracker, [Sample((1.0, 1.0, 1.0), None, n) for n in order[:6]])
+    assert (tracker.counts.n_published, tracker.counts.n_repeated, tracker.counts.n_lost) == (4, 2, 2)
+    wrapping = record.Tracker(STRUCT)
+    assert len(feed(wrapping, [Sample((1.0, 1.0, 1.0), None, n) for n in order[6:]])) == 3
+    assert wrapping.counts.n_lost == 0
+
+
+def test_device_time_goes_on_over_midnight():
+    tracker = record.Tracker(Layout("dtrack"))
+    t = 86399.0 + 0.01 * np.arange(300)
+    samples = [Sample((1.0, 1.0, 1.0), float(x % 86400.0), k) for k, x in enumerate(t)]
+    stamps = np.array([m.t_ns for m in feed(tracker, samples)])
+    assert np.diff(stamps) == pytest.approx(1e7, abs=1e3)
+
+
+def test_beam_lost_is_published_as_not_valid():
+    messages = feed(record.Tracker(Layout("text")), [Sample((0.0, 0.0, 0.0), 1.0, None, False)])
+    assert [m.valid for m in messages] == [False]
+
+
+# ---- where bytes come from -------------------------------------------------------------------------------------------
+
+
+def drain(source: record.Input, n: int) -> bytes:
+    data = b""
+    for _ in range(200):
+        data += b"".join(d for d, _ in source.receive())
+        if len(data) >= n:
+            break
+    return data
+
+
+def test_second_sender_is_counted_and_left_out():
+    source = record.open_input("udp:127.0.0.1:5011")
+    first, second = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    for link, text in ((first, b"a"), (second, b"b"), (first, b"c")):
+        link.sendto(text, ("127.0.0.1", 5011))
+    assert drain(source, 2) == b"ac"
+    assert source.n_foreign == 1
+    source.close()
+
+
+def test_peer_that_hangs_or_goes_is_connected_anew(monkeypatch):
+    monkeypatch.setattr(record, "SILENT", 0.3)
+    server = socket.create_server(("127.0.0.1", 5012))
+    source = record.open_input("tcp:127.0.0.1:5012")
+
+    def serve() -> None:
+        hanging, _ = server.accept()
+        hanging.sendall(b"1")
+        server.accept()[0].sendall(b"2")
+        hanging.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    assert drain(source, 2) == b"12"
+    assert source.n_connected == 2
+    thread.join()
+    source.close()
+
+
+def test_serial_line():
+    master, slave = os.openpty()
+    source = record.open_input(f"serial:{os.ttyname(slave)}@115200")
+    source.receive()
+    os.write(master, b"1,2,3,4\n")
+    assert drain(source, 8).strip() == b"1,2,3,4"
+    source.close()
+
+
+def test_full_disk_is_said_and_does_not_stop(tmp_path):
+    writer = lcmlog.Writer(Path("/dev/full"))
+    for _ in range(3000):
+        writer.write(1, "A", bytes(1000))
+    writer.close()
+    assert writer.error == "No space left on device"
+    assert writer.n_failed > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--from", "usb:1"], "--from usb:1: allowed: udp:"),
+        (["--from", "udp:0"], "--from udp:0: port: allowed: 1 to 65535"),
+        (["--from", "udp:5020", "--format", "nmea"], "--format nmea: allowed: text"),
+        (["--from", "udp:5020", "--columns", "x,y"], "--columns x,y: allowed: x, y, z"),
+        (["--from", "udp:5020", "--format", "struct", "--struct", "<3d"], "--struct <3d: 3 values: allowed: 4"),
+    ],
+)
+def test_unusable_options_are_one_line_and_exit_2(inertiactl, tmp_path, options, message):
+    result = inertiactl("record", *options, "-o", tmp_path / "run")
+    assert result.returncode == 2
+    assert message in result.stderr and len(result.stderr.splitlines()) == 1

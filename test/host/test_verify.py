@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""verify passes a good run and fails one for every kind of damage: in the log, on the way, in the configuration."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import COGIRO, TOP
+
+from inertiad import compile, verify
+from inertiad import robot as description
+
+DAEMON = TOP / "build/bin/inertiad"
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory) -> Path:
+    """The paper's motion at 50 Hz."""
+    run = tmp_path_factory.mktemp("verify") / "run"
+    arguments = ["simulate", COGIRO / "robot.toml", "--rate", "50", "--faults", "modern", "--seed", "1", "-o", run]
+    subprocess.run([sys.executable, "-m", "inertiad", *map(str, arguments)], check=True, capture_output=True, cwd=TOP)
+    return run
+
+
+@pytest.fixture
+def run(good: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(good, tmp_path / "run"))
+
+
+def failed(run: Path, **options: object) -> dict[str, str]:
+    """Checks that fail, with what they say."""
+    checks = verify.verify(verify.Options(run, **options), lambda _: None)  # type: ignore[arg-type]
+    return {c.name: c.detail for c in checks if not c.passed}
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def wrapper(path: Path, script: str) -> Path:
+    """A daemon that changes what the real one gets. $@ are its arguments."""
+    path.write_text(f'#!/usr/bin/env bash\nset -e\n{script}\nexec {DAEMON} "${{args[@]}}"\n')
+    path.chmod(0o755)
+    return path
+
+
+def test_good_run_passes_and_says_so(inertiactl, run):
+    result = inertiactl("verify", run)
+    assert result.returncode == 0, result.stdout + result.stderr
+    lines = result.stdout.splitlines()
+    assert all(line.startswith("PASS") for line in lines)
+    assert any("estimates" in line and "bit-identical" in line for line in lines)
+    document = json.loads((run / "verify.json").read_text())
+    assert document["passed"] and len(document["checks"]) == len(lines) - 1
+
+
+def test_frame_dropped_from_the_log_fails(inertiactl, run):
+    lines = (run / "can.log").read_text().splitlines(keepends=True)
+    at = next(i for i, line in enumerate(lines) if i > 5000 and " 012#" in line)
+    (run / "can.log").write_text("".join(lines[:at] + lines[at + 1 :]))
+    result = inertiactl("verify", run)
+    assert result.returncode == 1
+    assert "FAIL  nothing lost or refused: group.imu.incomplete 1" in result.stdout
+    assert "FAIL  counter IMU_RATE.counter: 1 steps of other than one" in result.stdout
+
+
+def test_frame_dropped_on_the_way_fails(run, tmp_path):
+    less = tmp_path / "less.log"
+    script = f"sed 5000d {run}/can.log > {less}\n"
+    script += f'args=(); for a in "$@"; do case $a in file:*can.log*) a=file:{less};; esac; args+=("$a"); done'
+    found = failed(run, daemon=wrapper(tmp_path / "daemon", script))
+    assert "frame 5000 was" in found["frames of bus 0"]
+    assert "frames add up" in found
+
+
+def test_swapped_byte_order_fails(run):
+    edit(run / "platform.dbc", "f_1 : 0|16@1+", "f_1 : 7|16@0+")
+    found = failed(run)
+    assert {"batch fit", "truth", "nothing lost or refused"} & set(found)
+
+
+def test_daemon_with_another_byte_order_fails(run, tmp_path):
+    other = Path(shutil.copytree(run, tmp_path / "other"))
+    signal = next(line for line in (run / "platform.dbc").read_text().splitlines() if " SG_ acc_x " in line)
+    swapped = signal.replace("@1", "@0") if "@1" in signal else signal.replace("@0", "@1")
+    start = int(signal.split(":")[1].split("|")[0])
+    swapped = swapped.replace(f": {start}|", f": {start + 7 if '@1' in signal else start - 7}|")
+    edit(other / "platform.dbc", signal, swapped)
+    compile.write(tmp_path / "other.cfg", description.load(other / "robot.toml"), "other")
+    found = failed(run, config=tmp_path / "other.cfg")
+    assert {"configuration", "decoder", "estimates"} <= set(found)
+
+
+@pytest.mark.parametrize("factor", [1.02, 1.3])
+def test_changed_coefficient_in_the_daemons_configuration_fails(run, tmp_path, factor):
+    described = description.load(run / "robot.toml")
+    config = compile.config_of(described, verify.dbc.bind(described, "x"))
+    index = next(i for i, s in enumerate(config.signal) if s.quantity == verify.inertiad_core.QUANTITIES["f_3"])
+    config.signal[index].scale *= factor
+    (tmp_path / "changed.cfg").write_bytes(compile.to_bytes(config))
+    found = failed(run, config=tmp_path / "changed.cfg")
+    assert {"configuration", "estimates"} <= set(found)
+
+
+def test_changed_coefficient_in_the_dbc_disagrees_with_the_runs_own_result(run, tmp_path):
+    config = tmp_path / "robot.cfg"
+    compile.write(config, description.load(run / "robot.toml"), "run")
+    command = [DAEMON, "--config", config, "--bus", f"file:{run}/can.log", "--tracker", f"file:{run}/tracker.csv"]
+    command += ["--lcm", "none", "--estimate", run / "estimate.json"]
+    subprocess.run([str(c) for c in command], check=True, capture_output=True)
+    assert failed(run) == {}
+    edit(run / "robot.toml", "weight_per_length = 0.628", "weight_per_length = 0.640")
+    assert "the run's estimate.json" in failed(run)
+
+
+def test_wrong_truth_fails(run):
+    truth = json.loads((run / "truth.json").read_text())
+    (run / "truth.json").write_text(json.dumps(truth | {"mass": truth["mass"] + 5.0}))
+    assert list(failed(run)) == ["truth"]
+
+
+def test_daemon_that_crashes_fails(run, tmp_path):
+    daemon = tmp_path / "daemon"
+    daemon.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    daemon.chmod(0o755)
+    assert "exit status -11" in failed(run, daemon=daemon)["daemon"]
+
+
+def test_unusable_run_is_one_line_and_exit_2(inertiactl, run):
+    (run / "tracker.csv").unlink()
+    result = inertiactl("verify", run)
+    assert result.returncode == 2
+    assert "tracker.csv: not there" in result.stderr and len(result.stderr.splitlines()) == 1
