@@ -1,20 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The daemon: arguments -> configuration -> open -> loop -> close.
 ///
-/// One thread, one epoll set, all state in the statics below, no heap after start but liblcm's receiving thread.
-/// Exit status: 0 end of input, SIGTERM or SIGINT; 1 the estimate could not be written; 2 could not start.
+/// One epoll set in one thread, beside it liblcm's receiving thread and the writers of record and checkpoint; all state in the statics
+/// below, no heap after start but in liblcm's thread.
+/// Exit status: 0 end of input, SIGTERM or SIGINT; 1 estimate, checkpoint or the record of a replay not written;
+/// 2 could not start.
+#include "checkpoint.h"
 #include "config_file.h"
 #include "counters.h"
 #include "estimate_file.h"
 #include "message.h"
 #include "pipeline.h"
 #include "publish.h"
+#include "realtime.h"
+#include "record.h"
 #include "replay.h"
 #include "source_socketcan.h"
 #include "url.h"
 
 #include <errno.h>
 #include <getopt.h>
+#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -27,7 +33,14 @@
 #include <unistd.h>
 
 enum { STATUS_GOOD = 0, STATUS_NOT_WRITTEN = 1, STATUS_USAGE = 2 };
-enum { REASON_SIZE = 512, ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16 };
+enum {
+    REASON_SIZE = 512,
+    ITEMS_PER_TURN = 4096,
+    BATCHES_PER_TURN = 16,
+    RECORD_LIMIT_MAX = 1000000,
+    CPUS_MAX = 1024,
+    CHECKPOINT_TICKS = 5
+};
 static const int64_t NS_PER_S = 1000000000;
 static const double SPEED_MAX = 1e6;
 
@@ -39,14 +52,24 @@ static struct {
     const char* estimate;
     const char* lcm;
     const char* lcm_prefix;
+    const char* record;
+    const char* checkpoint;
+    int priority;  ///< 0: not real time
+    int cpu;       ///< -1: any
     char* tracker;
     char* bus[IPE_BUSES_MAX];
     unsigned n_buses;
-} option = {.lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_"};
+} option = {.lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_", .cpu = -1};
 
 static ipe_config_t config;
 static ipe_pipeline_t pipeline;
+static uint8_t config_bytes[IPE_CONFIG_FILE_MAX];
+static size_t n_config_bytes;  // without the CRC
 static ipe_publish_t publisher;
+static ipe_record_t recorder;
+static bool is_recording;
+static ipe_checkpoint_t checkpoint;
+static int n_ticks;  // since the last checkpoint
 static ipe_replay_t replay;
 static ipe_source_socketcan_t interface[IPE_BUSES_MAX];
 static unsigned n_interfaces;  // 0: recorded input
@@ -62,6 +85,8 @@ static int64_t health_due_ns;  // data time of the next HEALTH
 static bool was_health_sent;   // since the last tick of the second timer
 static int64_t first_row_ns, last_row_ns;
 static uint64_t n_changes_reported;
+static uint64_t n_lost_reported;  // messages that the record lacks
+static bool is_losing_record;     // since a tick ago
 
 // ---- arguments ------------------------------------------------------------------------------------------------------
 
@@ -77,7 +102,13 @@ static const char USAGE[] =
     "  --tracker file:FILE positions of the tracked point, CSV with the columns t,x,y,z; default: from LCM\n"
     "  --lcm URL           where to publish, none: nowhere; default udpm://239.255.76.67:7667?ttl=0\n"
     "  --lcm-prefix TEXT   of every channel; default INERTIAD_\n"
+    "  --record FILE[?rotate_mb=N][&rotate_s=N]\n"
+    "                      an LCM log of all that is published, with or without --lcm, the tracker and the configuration;\n"
+    "                      an earlier FILE, and one that reached a limit, is moved to FILE.1, FILE.2, ...\n"
     "  --estimate FILE     write the result as JSON on exit\n"
+    "  --checkpoint FILE   keep what was learnt, every 5 s and on exit, and continue from it\n"
+    "  --rt PRIORITY       run as SCHED_FIFO, 1 to 99, with all memory locked\n"
+    "  --cpu N             run on this processor only, from 0\n"
     "  -h, --help          this text\n"
     "\n"
     "example:\n"
@@ -96,6 +127,19 @@ static int add_bus(char* address)
     return 0;
 }
 
+static int read_number(const char* name, const char* text, int minimum, int maximum, int* number)
+{
+    char reason[REASON_SIZE];
+    char* end;
+    const long value = strtol(text, &end, 10);
+    if (text[0] >= '0' && text[0] <= '9' && *end == '\0' && value >= minimum && value <= maximum) {
+        *number = (int)value;
+        return 0;
+    }
+    (void)snprintf(reason, sizeof reason, "\"%s\" is not a whole number from %d to %d", text, minimum, maximum);
+    return usage_error(name, reason);
+}
+
 static int take_option(int letter, const char* text)
 {
     switch (letter) {
@@ -104,6 +148,10 @@ static int take_option(int letter, const char* text)
     case 't': option.tracker = optarg; return 0;
     case 'l': option.lcm = optarg; return 0;
     case 'p': option.lcm_prefix = optarg; return 0;
+    case 'R': return read_number("--rt", optarg, 1, 99, &option.priority);
+    case 'C': return read_number("--cpu", optarg, 0, CPUS_MAX - 1, &option.cpu);
+    case 'k': option.checkpoint = optarg; return 0;
+    case 'r': option.record = optarg; return 0;
     case 'e': option.estimate = optarg; return 0;
     case ':': return usage_error(text, "needs a value");
     default: return usage_error(text, "unknown or ambiguous option");
@@ -119,7 +167,11 @@ static int read_arguments(int argc, char** argv)
         {"tracker", required_argument, NULL, 't'},
         {"lcm", required_argument, NULL, 'l'},
         {"lcm-prefix", required_argument, NULL, 'p'},
+        {"record", required_argument, NULL, 'r'},
         {"estimate", required_argument, NULL, 'e'},
+        {"checkpoint", required_argument, NULL, 'k'},
+        {"rt", required_argument, NULL, 'R'},
+        {"cpu", required_argument, NULL, 'C'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
@@ -261,6 +313,69 @@ static int open_tracker_file(void)
     return 0;
 }
 
+/// rotate_mb= or rotate_s=; 0 when it is not given.
+static int read_limit(const ipe_url_t* url, const char* key, uint64_t unit, uint64_t* limit)
+{
+    char reason[REASON_SIZE];
+    char* end;
+    const char* text = ipe_url_option(url, key);
+    *limit = 0;
+    if (text == NULL) { return 0; }
+    const unsigned long value = strtoul(text, &end, 10);
+    if (text[0] >= '0' && text[0] <= '9' && *end == '\0' && value >= 1 && value <= RECORD_LIMIT_MAX) {
+        *limit = value * unit;
+        return 0;
+    }
+    (void)snprintf(reason, sizeof reason, "%s= must be a whole number from 1 to %d", key, RECORD_LIMIT_MAX);
+    return refuse("--record", reason);
+}
+
+static int open_record(void)
+{
+    static char address[PATH_MAX + REASON_SIZE];
+    char reason[REASON_SIZE];
+    ipe_url_t url;
+    uint64_t bytes, us;
+    const bool has_scheme = strncmp(option.record, "file:", strlen("file:")) == 0;
+    if (snprintf(address, sizeof address, "%s%s", has_scheme ? "" : "file:", option.record) >= (int)sizeof address) {
+        return refuse("--record", strerror(ENAMETOOLONG));
+    }
+    if (!ipe_url_parse(&url, address, "file", "rotate_mb rotate_s", reason, sizeof reason)) {
+        return refuse("--record", reason);
+    }
+    if (read_limit(&url, "rotate_mb", 1000000, &bytes) != 0 || read_limit(&url, "rotate_s", 1000000, &us) != 0) {
+        return -1;
+    }
+    const ipe_record_options_t o = {.path = url.path,
+                                    .config_channel = publisher.channel[IPE_PUBLISH_CONFIG],
+                                    .config_bytes = config_bytes,
+                                    .n_config_bytes = n_config_bytes,
+                                    .rotate_bytes = bytes,
+                                    .rotate_us = (int64_t)us,
+                                    .waits = n_interfaces == 0 && replay.speed == 0.0};
+    if (ipe_record_open(&recorder, &o, reason, sizeof reason) != 0) { return refuse("--record", reason); }
+    is_recording = true;
+    ipe_publish_record(&publisher, &recorder);
+    return 0;
+}
+
+/// Continue from the checkpoint if it fits; otherwise say why not and start cold.
+static int open_checkpoint(void)
+{
+    char reason[REASON_SIZE];
+    if (ipe_checkpoint_open(&checkpoint, option.checkpoint, config_bytes, n_config_bytes, reason, sizeof reason) != 0) {
+        return refuse("--checkpoint", reason);
+    }
+    const int status = ipe_checkpoint_load(&checkpoint, &pipeline, reason, sizeof reason);
+    n_changes_reported = pipeline.detect.n_changes;
+    if (status < 0) { ipe_message("--checkpoint: %s", reason); }
+    if (status > 0) {
+        ipe_message("--checkpoint: continuing from %s, %llu windows", option.checkpoint,
+                    (unsigned long long)pipeline.estimate.n_windows);
+    }
+    return 0;
+}
+
 static void take_position(int64_t t_ns, const double position[3]);
 
 /// LCM, and the tracker: from a file, from LCM, or not needed.
@@ -313,10 +428,37 @@ static int open_loop(void)
     return 0;
 }
 
+static int open_config(void)
+{
+    char reason[REASON_SIZE];
+    const ssize_t n = ipe_config_read(option.config, config_bytes);
+    if (n < 0) {
+        (void)snprintf(reason, sizeof reason, "%s: %s", option.config, strerror(errno));
+        return refuse("--config", reason);
+    }
+    if (ipe_config_from_bytes(config_bytes, (size_t)n, &config, reason, sizeof reason) != IPE_OK) {
+        ipe_message("--config: %s: %s", option.config, reason);
+        return -1;
+    }
+    n_config_bytes = (size_t)n - IPE_CONFIG_CRC_BYTES;
+    return 0;
+}
+
+/// Last, when every other thread has been started with ordinary scheduling.
+static int open_real_time(void)
+{
+    char reason[REASON_SIZE];
+    if (option.cpu >= 0 && ipe_realtime_pin(option.cpu, reason, sizeof reason) != 0) { return refuse("--cpu", reason); }
+    if (option.priority > 0 && ipe_realtime_start(option.priority, reason, sizeof reason) != 0) {
+        return refuse("--rt", reason);
+    }
+    return 0;
+}
+
 static int open_all(void)
 {
     char reason[REASON_SIZE];
-    if (ipe_config_load(option.config, &config, reason, sizeof reason) != IPE_OK) { return refuse("--config", reason); }
+    if (open_config() != 0) { return -1; }
     if (ipe_pipeline_init(&pipeline, &config, reason, sizeof reason) != IPE_OK) {
         return refuse(option.config, reason);
     }
@@ -325,7 +467,9 @@ static int open_all(void)
     }
     if (open_signals() != 0) { return refuse("signals", strerror(errno)); }
     if (check_buses() != 0 || open_buses() != 0 || open_publisher_and_tracker() != 0) { return -1; }
-    return open_loop();
+    if (option.record != NULL && open_record() != 0) { return -1; }
+    if (option.checkpoint != NULL && open_checkpoint() != 0) { return -1; }
+    return open_loop() != 0 ? -1 : open_real_time();
 }
 
 // ---- counting -------------------------------------------------------------------------------------------------------
@@ -369,6 +513,13 @@ static void count_all(void)
     count_input();
     for (unsigned k = 0; (cause = ipe_publish_counter(&publisher, k, &value)) != NULL; ++k) {
         ipe_counters_add(&counters, "lcm", cause, value);
+    }
+    for (unsigned k = 0; option.record != NULL && (cause = ipe_record_counter(&recorder, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&counters, "record", cause, value);
+    }
+    for (unsigned k = 0; option.checkpoint != NULL && (cause = ipe_checkpoint_counter(&checkpoint, k, &value)) != NULL;
+         ++k) {
+        ipe_counters_add(&counters, "checkpoint", cause, value);
     }
 }
 
@@ -507,7 +658,10 @@ static bool replay_item(void)
     ipe_replay_item_t item;
     switch (ipe_replay_next(&replay, &item)) {
     case IPE_REPLAY_FRAME: take_frame(item.frame); return true;
-    case IPE_REPLAY_POSITION: take_position(item.position->t_ns, item.position->position); return true;
+    case IPE_REPLAY_POSITION:
+        ipe_publish_position(&publisher, item.position->t_ns, item.position->position);
+        take_position(item.position->t_ns, item.position->position);
+        return true;
     case IPE_REPLAY_WAIT:
         if (wait_for_input(item.fd)) { return false; }
         ipe_replay_fill(&replay);
@@ -559,11 +713,31 @@ static void check_invariants(void)
     ipe_publish_event(&publisher, host_ns(), "pipeline", "internal state is damaged");
 }
 
+/// Tell once when messages begin to miss in the record, and again after a second in which none did.
+static void report_record(void)
+{
+    const uint64_t n_lost = ipe_record_lost(&recorder);
+    const bool was_losing = is_losing_record;
+    is_losing_record = n_lost != n_lost_reported;
+    n_lost_reported = n_lost;
+    if (!is_losing_record || was_losing) { return; }
+    char text[REASON_SIZE];
+    const int cause = atomic_load(&recorder.error);
+    (void)snprintf(text, sizeof text, "messages are lost: %s", cause != 0 ? strerror(cause) : "the queue is full");
+    ipe_message("--record: %s", text);
+    ipe_publish_event(&publisher, host_ns(), "record", text);
+}
+
 /// Once a second of real time. HEALTH goes out here when no data moved it.
 static void tick(void)
 {
     for (unsigned i = 0; i < n_interfaces; ++i) { tick_interface(i); }
     check_invariants();
+    if (is_recording) { report_record(); }
+    if (option.checkpoint != NULL && ++n_ticks >= CHECKPOINT_TICKS) {
+        n_ticks = 0;
+        ipe_checkpoint_save(&checkpoint, &pipeline);
+    }
     if (!was_health_sent) {
         ipe_publish_flush(&publisher);
         send_health(host_ns());
@@ -623,6 +797,17 @@ static int write_estimate(void)
     return refuse("--estimate", reason);
 }
 
+/// False if a replay's record lacks anything.
+static bool close_record(void)
+{
+    if (!is_recording) { return true; }
+    report_record();
+    ipe_publish_record(&publisher, NULL);
+    const bool is_whole = ipe_record_close(&recorder) == 0;
+    if (!is_whole) { ipe_message("--record: %s is not complete", recorder.option.path); }
+    return is_whole || n_interfaces > 0;
+}
+
 /// Let out what waits, tell the world a last time, write the result, print the summary.
 static int close_all(void)
 {
@@ -632,8 +817,10 @@ static int close_all(void)
     for (unsigned i = 0; i < n_interfaces; ++i) { ipe_source_socketcan_close(&interface[i]); }
     ipe_replay_close(&replay);
     if (option.estimate != NULL && write_estimate() != 0) { status = STATUS_NOT_WRITTEN; }
+    if (option.checkpoint != NULL && ipe_checkpoint_close(&checkpoint, &pipeline) != 0) { status = STATUS_NOT_WRITTEN; }
     ipe_publish_last(&publisher, &pipeline.estimate);
     send_health(host_ns());
+    if (!close_record()) { status = STATUS_NOT_WRITTEN; }
     count_all();
     ipe_publish_close(&publisher);
     ipe_counters_print(&counters);

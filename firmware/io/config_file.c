@@ -12,7 +12,7 @@
 
 typedef inertiad_lcm_robot_config_t wire_t;
 
-enum { FINGERPRINT_BYTES = 8, CRC_BYTES = 4, FILE_MAX = 32768 };
+enum { FINGERPRINT_BYTES = 8, CRC_BYTES = IPE_CONFIG_CRC_BYTES, FILE_MAX = IPE_CONFIG_FILE_MAX };
 
 static_assert(sizeof(((wire_t*)0)->cable) / sizeof(inertiad_lcm_cable_config_t) == IPE_CABLES_MAX,
               "one size of cables");
@@ -177,6 +177,11 @@ static ssize_t read_file(const char* path, uint8_t* bytes, size_t capacity)
     (void)close(fd);
     errno = cause;
     return got < 0 ? -1 : (ssize_t)n;
+}
+
+ssize_t ipe_config_read(const char* path, uint8_t bytes[IPE_CONFIG_FILE_MAX])
+{
+    return read_file(path, bytes, FILE_MAX);
 }
 
 ipe_status_t ipe_config_load(const char* path, ipe_config_t* config, char* message, size_t size)

@@ -11,6 +11,9 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/types.h>
+
+enum { IPE_CONFIG_FILE_MAX = 32768, IPE_CONFIG_CRC_BYTES = 4 };
 
 /// CRC-32 as in Ethernet, zip and PNG.
 uint32_t ipe_config_crc(const uint8_t* bytes, size_t n);
@@ -25,6 +28,9 @@ uint32_t ipe_config_crc(const uint8_t* bytes, size_t n);
 /// IPE_ERR_LENGTH  too short to be a configuration
 /// IPE_ERR_CONFIG  damaged (CRC), written by another version (fingerprint), or a field out of range
 ipe_status_t ipe_config_from_bytes(const uint8_t* bytes, size_t n, ipe_config_t* config, char* message, size_t size);
+
+/// The whole file as it is: its length, IPE_CONFIG_FILE_MAX if it is too long for a configuration, -1 with errno set.
+ssize_t ipe_config_read(const char* path, uint8_t bytes[IPE_CONFIG_FILE_MAX]);
 
 /// ipe_config_from_bytes() on a file; message begins with its path. Also IPE_ERR_CONFIG when it cannot be read.
 ipe_status_t ipe_config_load(const char* path, ipe_config_t* config, char* message, size_t size);

@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate_file.h"
 
-#include <errno.h>
-#include <fcntl.h>
+#include "atomic_file.h"
+
 #include <inttypes.h>
-#include <limits.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 /// Text being built; is_full once something did not fit.
 typedef struct {
@@ -135,98 +132,9 @@ static void put_run(text_t* t, const ipe_run_t* run)
     put(t, "}\n");
 }
 
-static int fail(const char* path, const char* what, char* message, size_t size)
-{
-    (void)snprintf(message, size, "%s: %s: %s", path, what, strerror(errno));
-    return -1;
-}
-
-static bool write_all(int fd, const char* text, size_t n)
-{
-    while (n > 0) {
-        const ssize_t written = write(fd, text, n);
-        if (written < 0 && errno != EINTR) { return false; }
-        if (written > 0) {
-            text += written;
-            n -= (size_t)written;
-        }
-    }
-    return true;
-}
-
-static bool is_directory(const char* path)
-{
-    struct stat info;
-    errno = EISDIR;
-    return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
-}
-
-static bool is_written_directly(const char* path)
-{
-    struct stat info;
-    return stat(path, &info) == 0 && !S_ISREG(info.st_mode);
-}
-
-/// Where the text goes before it is moved to path; false if the name is too long.
-static bool name_temporary(char name[PATH_MAX], const char* path)
-{
-    const int n = snprintf(name, PATH_MAX, "%s.tmp", path);
-    errno = ENAMETOOLONG;
-    return n > 0 && n < PATH_MAX;
-}
-
-static int create(const char* name)
-{
-    return open(name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-}
-
 bool ipe_estimate_file_check(const char* path, char* message, size_t size)
 {
-    char name[PATH_MAX];
-    if (is_directory(path)) { return fail(path, "cannot write", message, size) == 0; }
-    if (is_written_directly(path)) { return access(path, W_OK) == 0 || fail(path, "cannot write", message, size) == 0; }
-    const int fd = name_temporary(name, path) ? create(name) : -1;
-    if (fd < 0) { return fail(path, "cannot write", message, size) == 0; }
-    (void)close(fd);
-    (void)unlink(name);
-    return true;
-}
-
-/// Make the new name in the directory of path last through a power cut; where that is not possible nothing is lost but that.
-static void sync_directory(const char* path)
-{
-    char name[PATH_MAX];
-    (void)snprintf(name, sizeof name, "%s", path);
-    char* slash = strrchr(name, '/');
-    if (slash != NULL) { slash[1] = '\0'; }
-    const int fd = open(slash != NULL ? name : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (fd < 0) { return; }
-    (void)fsync(fd);
-    (void)close(fd);
-}
-
-static int write_directly(const char* path, const text_t* t, char* message, size_t size)
-{
-    const int fd = open(path, O_WRONLY | O_CLOEXEC);
-    if (fd < 0) { return fail(path, "cannot open", message, size); }
-    const bool good = write_all(fd, t->text, t->n);
-    if (!good) { (void)fail(path, "cannot write", message, size); }
-    (void)close(fd);
-    return good ? 0 : -1;
-}
-
-static int write_atomically(const char* path, const text_t* t, char* message, size_t size)
-{
-    char name[PATH_MAX];
-    const int fd = name_temporary(name, path) ? create(name) : -1;
-    if (fd < 0) { return fail(path, "cannot write", message, size); }
-    const bool good = write_all(fd, t->text, t->n) && fsync(fd) == 0;
-    if (!good) { (void)fail(name, "cannot write", message, size); }
-    (void)close(fd);
-    if (good && rename(name, path) != 0) { return fail(path, "cannot replace", message, size); }
-    if (!good) { (void)unlink(name); }
-    sync_directory(path);
-    return good ? 0 : -1;
+    return ipe_atomic_file_check(path, message, size);
 }
 
 int ipe_estimate_file_write(const char* path, const ipe_run_t* run, char* message, size_t size)
@@ -236,9 +144,8 @@ int ipe_estimate_file_write(const char* path, const ipe_run_t* run, char* messag
     text.is_full = false;
     put_run(&text, run);
     if (text.is_full) {
-        errno = EMSGSIZE;
-        return fail(path, "cannot build", message, size);
+        (void)snprintf(message, size, "%s: the result is longer than %zu bytes", path, sizeof text.text);
+        return -1;
     }
-    return is_written_directly(path) ? write_directly(path, &text, message, size)
-                                     : write_atomically(path, &text, message, size);
+    return ipe_atomic_file_write(path, text.text, text.n, message, size);
 }

@@ -35,7 +35,8 @@ static bool is_good_prefix(const char* prefix)
 
 static void name_channels(ipe_publish_t* p, const char* prefix)
 {
-    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW", "SIGNALS", "ESTIMATE", "HEALTH", "EVENT", "TRACKER"};
+    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",   "SIGNALS", "ESTIMATE", "HEALTH",
+                                                        "EVENT", "TRACKER", "CONFIG"};
     for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
         (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
     }
@@ -63,6 +64,16 @@ int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, cons
     return -1;
 }
 
+void ipe_publish_record(ipe_publish_t* p, ipe_record_t* record)
+{
+    p->record = record;
+}
+
+static bool is_on(const ipe_publish_t* p)
+{
+    return p->lcm != NULL || p->record != NULL;
+}
+
 static void handle_tracker(const lcm_recv_buf_t* received, const char* channel, void* user)
 {
     (void)channel;
@@ -75,6 +86,10 @@ static void handle_tracker(const lcm_recv_buf_t* received, const char* channel, 
         p->n_positions_invalid++;
     } else {
         p->n_positions++;
+        if (p->record != NULL) {
+            ipe_record_push(p->record, p->channel[IPE_PUBLISH_TRACKER], tracker.t_ns, received->data,
+                            received->data_size);
+        }
         p->take_position(tracker.t_ns, tracker.position);
     }
 }
@@ -98,10 +113,12 @@ void ipe_publish_receive(ipe_publish_t* p)
     if (p->lcm != NULL) { (void)lcm_handle_timeout(p->lcm, 0); }
 }
 
-/// Send the n bytes of p->bytes; n < 0: they could not be encoded. True when sent.
-static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int n)
+/// Send and record the n bytes of p->bytes at data time t_ns; n < 0: they could not be encoded. True when sent.
+static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, int n)
 {
     p->sequence[channel]++;
+    if (n >= 0 && p->record != NULL) { ipe_record_push(p->record, p->channel[channel], t_ns, p->bytes, (size_t)n); }
+    if (p->lcm == NULL) { return n >= 0; }
     if (n >= 0 && lcm_publish(p->lcm, p->channel[channel], p->bytes, (unsigned)n) == 0) {
         p->n_messages++;
         return true;
@@ -122,7 +139,7 @@ static void send_frames(ipe_publish_t* p)
                                         .n_frames = p->n_frames,
                                         .frame = p->frame};
     const int n = inertiad_lcm_raw_t_encode(p->bytes, 0, sizeof p->bytes, &message);
-    if (!send(p, IPE_PUBLISH_RAW, n)) { p->n_frames_failed += (uint64_t)p->n_frames; }
+    if (!send(p, IPE_PUBLISH_RAW, message.t_ns, n)) { p->n_frames_failed += (uint64_t)p->n_frames; }
     p->n_frames = 0;
 }
 
@@ -134,7 +151,8 @@ static void send_rows(ipe_publish_t* p)
                                             .n_dropped = (int64_t)p->n_input_dropped,
                                             .n_rows = p->n_rows,
                                             .row = p->row};
-    (void)send(p, IPE_PUBLISH_SIGNALS, inertiad_lcm_signals_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+    (void)send(p, IPE_PUBLISH_SIGNALS, message.t_ns,
+               inertiad_lcm_signals_t_encode(p->bytes, 0, sizeof p->bytes, &message));
     p->n_rows = 0;
 }
 
@@ -146,7 +164,7 @@ static bool is_past_block(int64_t first_ns, int64_t t_ns)
 
 void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame)
 {
-    if (p->lcm == NULL) { return; }
+    if (!is_on(p)) { return; }
     if (p->n_frames > 0 && is_past_block(p->frame[0].t_ns, frame->t_ns)) { send_frames(p); }
     uint8_t* data = p->frame_data[p->n_frames];
     memcpy(data, frame->data, frame->length);
@@ -162,7 +180,7 @@ void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame)
 
 void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row)
 {
-    if (p->lcm == NULL) { return; }
+    if (!is_on(p)) { return; }
     if (p->n_rows > 0 && is_past_block(p->row[0].t_ns, row->t_ns)) { send_rows(p); }
     inertiad_lcm_signals_row_t* to = &p->row[p->n_rows];
     to->t_ns = row->t_ns;
@@ -175,6 +193,16 @@ void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row)
     memcpy(to->f, row->f, sizeof row->f);
     p->n_rows++;
     if (p->n_rows == IPE_PUBLISH_ROWS) { send_rows(p); }
+}
+
+void ipe_publish_position(ipe_publish_t* p, int64_t t_ns, const double position[3])
+{
+    if (p->record == NULL) { return; }
+    uint8_t bytes[256];
+    inertiad_lcm_tracker_t message = {.sequence = p->sequence[IPE_PUBLISH_TRACKER]++, .t_ns = t_ns, .valid = 1};
+    memcpy(message.position, position, sizeof message.position);
+    const int n = inertiad_lcm_tracker_t_encode(bytes, 0, sizeof bytes, &message);
+    if (n >= 0) { ipe_record_push(p->record, p->channel[IPE_PUBLISH_TRACKER], t_ns, bytes, (size_t)n); }
 }
 
 static void copy_estimate(inertiad_lcm_estimate_t* to, const ipe_estimate_t* from)
@@ -232,7 +260,7 @@ static bool is_due(ipe_publish_t* p, int64_t now_ns)
 
 void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate)
 {
-    if (p->lcm == NULL || estimate->n_windows == 0 || !is_due(p, now_ns)) { return; }
+    if (!is_on(p) || estimate->n_windows == 0 || !is_due(p, now_ns)) { return; }
     if (!is_finite(estimate)) {
         p->n_not_finite++;
         return;
@@ -240,13 +268,13 @@ void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t
     inertiad_lcm_estimate_t message = {.sequence = p->sequence[IPE_PUBLISH_ESTIMATE],
                                        .n_dropped = (int64_t)p->n_input_dropped};
     copy_estimate(&message, estimate);
-    (void)send(p, IPE_PUBLISH_ESTIMATE, inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+    (void)send(p, IPE_PUBLISH_ESTIMATE, now_ns, inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
 void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* counters,
                         const double age[IPE_SENSOR_COUNT])
 {
-    if (p->lcm == NULL) { return; }
+    if (!is_on(p)) { return; }
     for (unsigned i = 0; i < counters->n; ++i) {
         // The generated type has no const, and its encoder only reads.
         p->counter[i].name = (char*)(uintptr_t)counters->item[i].name;
@@ -257,17 +285,17 @@ void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* co
                                      .n_counters = (int32_t)counters->n,
                                      .counter = p->counter};
     memcpy(message.age, age, sizeof message.age);
-    (void)send(p, IPE_PUBLISH_HEALTH, inertiad_lcm_health_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+    (void)send(p, IPE_PUBLISH_HEALTH, t_ns, inertiad_lcm_health_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
 void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text)
 {
-    if (p->lcm == NULL) { return; }
+    if (!is_on(p)) { return; }
     const inertiad_lcm_event_t message = {.sequence = p->sequence[IPE_PUBLISH_EVENT],
                                           .t_ns = t_ns,
                                           .source = (char*)(uintptr_t)source,
                                           .text = (char*)(uintptr_t)text};
-    (void)send(p, IPE_PUBLISH_EVENT, inertiad_lcm_event_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+    (void)send(p, IPE_PUBLISH_EVENT, t_ns, inertiad_lcm_event_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
 void ipe_publish_flush(ipe_publish_t* p)

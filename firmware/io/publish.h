@@ -4,13 +4,16 @@
 /// out: RAW and SIGNALS in blocks of 16 ms or when full, ESTIMATE at the configured rate of data time, HEALTH, EVENT.
 /// in:  TRACKER. Channels carry a prefix, "INERTIAD_". Messages are encoded into a static buffer, so publishing allocates
 /// nothing; liblcm's receiving thread does. A message that cannot be sent is counted and forgotten: nothing waits.
-/// 350 KB of state, caller-allocated, one thread. Without LCM (url "none") every call is good and does nothing.
+/// With a recorder every message goes into its queue as well, and so do the tracker positions that are used.
+/// 350 KB of state, caller-allocated, one thread. Without LCM (url "none") and recorder every call is good and does
+/// nothing.
 #ifndef IPE_PUBLISH_H
 #define IPE_PUBLISH_H
 
 #include "counters.h"
 #include "message.h"
 #include "pipeline.h"
+#include "record.h"
 #include "types.h"
 
 #include "inertiad_lcm_can_frame_t.h"
@@ -33,6 +36,7 @@ typedef enum {
     IPE_PUBLISH_HEALTH,
     IPE_PUBLISH_EVENT,
     IPE_PUBLISH_TRACKER,
+    IPE_PUBLISH_CONFIG,  ///< in records only
     IPE_PUBLISH_COUNT
 } ipe_publish_channel_t;
 
@@ -41,6 +45,7 @@ typedef void (*ipe_position_handler_t)(int64_t t_ns, const double position[3]);
 
 typedef struct {
     lcm_t* lcm;                           ///< NULL: off
+    ipe_record_t* record;                 ///< NULL: off
     char channel[IPE_PUBLISH_COUNT][IPE_PUBLISH_NAME_MAX];
     int64_t sequence[IPE_PUBLISH_COUNT];  ///< of the next message
     int n_cables;
@@ -77,6 +82,9 @@ typedef struct {
 int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, const ipe_config_t* config, char* message,
                      size_t size);
 
+/// Let every message go into an open recorder as well; NULL: no longer.
+void ipe_publish_record(ipe_publish_t* p, ipe_record_t* record);
+
 /// Listen to TRACKER; handler is called from ipe_publish_receive(). 0 or -1.
 int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler);
 
@@ -91,6 +99,9 @@ void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame);
 
 /// Add a row to the open SIGNALS block; sends it when 16 ms are full.
 void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row);
+
+/// Record a position that did not come over LCM, as TRACKER; it is not sent.
+void ipe_publish_position(ipe_publish_t* p, int64_t t_ns, const double position[3]);
 
 /// Send ESTIMATE if it is due at data time now_ns. An estimate with a value that is not finite is never sent.
 void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate);
@@ -108,7 +119,7 @@ void ipe_publish_flush(ipe_publish_t* p);
 /// Send the open blocks and the estimate, due or not: the last there will be.
 void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate);
 
-/// Close LCM.
+/// Close LCM; the recorder stays open.
 void ipe_publish_close(ipe_publish_t* p);
 
 /// A counter by index: its cause, and its value. NULL past the last. The names are stable.

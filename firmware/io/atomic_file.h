@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+/// A file that is there as a whole or as it was before: written beside it (PATH.tmp), synced, renamed.
+///
+/// What is no regular file (/dev/stdout) is written to directly. No heap, no state; waits for the disk.
+#ifndef IPE_ATOMIC_FILE_H
+#define IPE_ATOMIC_FILE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+/// True if path can be written; otherwise one line in message[size], always terminated. Leaves an existing file as it is.
+bool ipe_atomic_file_check(const char* path, char* message, size_t size);
+
+/// Replace the content of path by n bytes. 0, or -1 with the reason in message; then the file is as it was.
+int ipe_atomic_file_write(const char* path, const void* bytes, size_t n, char* message, size_t size);
+
+#endif

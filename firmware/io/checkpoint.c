@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "checkpoint.h"
+
+#include "atomic_file.h"
+#include "config_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { VERSION = 1, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
+static const char MAGIC[8] = "ipe-chk";
+
+// ---- state ----------------------------------------------------------------------------------------------------------
+
+static void take_state(const ipe_checkpoint_t* c, const ipe_pipeline_t* p, ipe_checkpoint_state_t* s)
+{
+    memset(s, 0, sizeof *s);
+    memcpy(s->magic, MAGIC, sizeof s->magic);
+    s->version = VERSION;
+    s->size = sizeof *s;
+    s->fingerprint = c->fingerprint;
+    s->rls = p->rls;
+    s->noise = p->noise;
+    s->detect = p->detect;
+    s->period = p->window.period;
+    s->length = p->window.length;
+    s->max_gap = p->window.max_gap;
+    s->n_excited = p->n_excited;
+    s->n_rows = p->n_rows;
+    s->n_refused = p->n_refused;
+    s->estimate = p->estimate;
+}
+
+/// Time went by meanwhile: no window follows one from before.
+static void give_state(const ipe_checkpoint_state_t* s, ipe_pipeline_t* p)
+{
+    p->rls = s->rls;
+    p->noise = s->noise;
+    ipe_noise_restart(&p->noise);
+    p->detect = s->detect;
+    p->detect.n_outstanding = 0;
+    p->window.period = s->period;
+    p->window.length = s->length;
+    p->window.max_gap = s->max_gap;
+    p->n_excited = s->n_excited;
+    p->n_rows = s->n_rows;
+    p->n_refused = s->n_refused;
+    p->estimate = s->estimate;
+}
+
+static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* p)
+{
+    bool good = s->rls.n == p->rls.n && ipe_rls_invariants_hold(&s->rls) && s->estimate.n_windows > 0 &&
+                s->estimate.n_systematic == s->rls.n - IPE_NP && isfinite(s->detect.cusum);
+    for (int i = 0; i < IPE_NY; ++i) { good = good && s->noise.L[i][i] > 0.0 && isfinite(s->noise.L[i][i]); }
+    return good && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;
+}
+
+// ---- file -----------------------------------------------------------------------------------------------------------
+
+static void write_file(ipe_checkpoint_t* c)
+{
+    char reason[256];
+    uint8_t bytes[FILE_BYTES];
+    memcpy(bytes, &c->state, sizeof c->state);
+    const uint32_t crc = ipe_config_crc(bytes, sizeof c->state);
+    memcpy(bytes + sizeof c->state, &crc, sizeof crc);
+    if (ipe_atomic_file_write(c->path, bytes, sizeof bytes, reason, sizeof reason) == 0) {
+        atomic_fetch_add(&c->n_written, 1);
+        return;
+    }
+    atomic_fetch_add(&c->n_errors, 1);
+    if (ipe_message_allowed(&c->limit, "--checkpoint")) { ipe_message("--checkpoint: %s", reason); }
+}
+
+static void* run(void* argument)
+{
+    ipe_checkpoint_t* c = argument;
+    bool is_last = false;
+    while (!is_last) {
+        while (sem_wait(&c->wake) != 0) {}
+        is_last = atomic_load(&c->is_closing);
+        if (!atomic_load(&c->is_busy)) { continue; }
+        write_file(c);
+        atomic_store(&c->is_busy, false);
+    }
+    return NULL;
+}
+
+/// Bytes read, at most n; -1 with errno set.
+static ssize_t read_file(const char* path, uint8_t* bytes, size_t n)
+{
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) { return -1; }
+    size_t done = 0;
+    ssize_t got = 1;
+    while (got > 0 && done < n) {
+        got = read(fd, bytes + done, n - done);
+        if (got > 0) { done += (size_t)got; }
+    }
+    const int cause = errno;
+    (void)close(fd);
+    errno = cause;
+    return got < 0 ? -1 : (ssize_t)done;
+}
+
+static int refuse(const ipe_checkpoint_t* c, const char* reason, char* message, size_t size)
+{
+    (void)snprintf(message, size, "%s: %s; starting without it", c->path, reason);
+    return -1;
+}
+
+int ipe_checkpoint_load(const ipe_checkpoint_t* c, ipe_pipeline_t* p, char* message, size_t size)
+{
+    ipe_checkpoint_state_t s;
+    uint8_t bytes[FILE_BYTES + 1] = {0};
+    uint32_t crc;
+    const ssize_t n = read_file(c->path, bytes, sizeof bytes);
+    if (n < 0 && errno == ENOENT) { return 0; }
+    if (n < 0) { return refuse(c, strerror(errno), message, size); }
+    if ((size_t)n < offsetof(ipe_checkpoint_state_t, fingerprint)) { return refuse(c, "torn", message, size); }
+    memcpy(&s, bytes, sizeof s);
+    if (memcmp(s.magic, MAGIC, sizeof s.magic) != 0) { return refuse(c, "not a checkpoint", message, size); }
+    if (s.version != VERSION || s.size != sizeof s) { return refuse(c, "of another version", message, size); }
+    memcpy(&crc, bytes + sizeof s, sizeof crc);
+    if (n != FILE_BYTES || crc != ipe_config_crc(bytes, sizeof s)) {
+        return refuse(c, "torn or damaged (CRC differs)", message, size);
+    }
+    if (s.fingerprint != c->fingerprint) { return refuse(c, "of another configuration", message, size); }
+    if (!is_plausible(&s, p)) { return refuse(c, "holds values that cannot be", message, size); }
+    give_state(&s, p);
+    return 1;
+}
+
+// ---- open, save, close ----------------------------------------------------------------------------------------------
+
+int ipe_checkpoint_open(ipe_checkpoint_t* c, const char* path, const uint8_t* config, size_t n, char* message,
+                        size_t size)
+{
+    memset(c, 0, sizeof *c);
+    c->path = path;
+    c->fingerprint = ((uint64_t)n << 32) | ipe_config_crc(config, n);
+    if (!ipe_atomic_file_check(path, message, size)) { return -1; }
+    (void)sem_init(&c->wake, 0, 0);
+    const int cause = pthread_create(&c->thread, NULL, run, c);
+    if (cause == 0) { return 0; }
+    (void)snprintf(message, size, "%s: cannot start the writer: %s", path, strerror(cause));
+    return -1;
+}
+
+void ipe_checkpoint_save(ipe_checkpoint_t* c, const ipe_pipeline_t* p)
+{
+    if (p->estimate.n_windows == 0 || atomic_load(&c->is_busy) || !ipe_pipeline_invariants_hold(p)) { return; }
+    take_state(c, p, &c->state);
+    atomic_store(&c->is_busy, true);
+    (void)sem_post(&c->wake);
+}
+
+int ipe_checkpoint_close(ipe_checkpoint_t* c, const ipe_pipeline_t* p)
+{
+    atomic_store(&c->is_closing, true);
+    (void)sem_post(&c->wake);
+    (void)pthread_join(c->thread, NULL);  // what it was writing is written
+    (void)sem_destroy(&c->wake);
+    if (p->estimate.n_windows == 0 || !ipe_pipeline_invariants_hold(p)) { return 0; }
+    const uint64_t n_errors = atomic_load(&c->n_errors);
+    take_state(c, p, &c->state);
+    write_file(c);
+    return atomic_load(&c->n_errors) == n_errors ? 0 : -1;
+}
+
+const char* ipe_checkpoint_counter(const ipe_checkpoint_t* c, unsigned index, uint64_t* value)
+{
+    const struct {
+        const char* cause;
+        uint64_t value;
+    } counter[] = {
+        {"written", atomic_load(&c->n_written)},
+        {"errors", atomic_load(&c->n_errors)},
+    };
+    if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
+    *value = counter[index].value;
+    return counter[index].cause;
+}
