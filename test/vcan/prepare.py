@@ -2,8 +2,8 @@
 """Make the runs that the tests here replay: in a guest kernel without hardware support this would take minutes.
 
 build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
-build/vcan/robot_timed: a whole run where every sample carries its device time, so that a machine which stalls, and stamps
-frames late, does not spoil the estimate.
+build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
+frames late does not spoil the estimate.
 """
 
 import shutil

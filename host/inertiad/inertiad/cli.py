@@ -336,9 +336,7 @@ def verify(
 def record(
     address: Annotated[
         str,
-        typer.Option(
-            "--from", metavar="ADDRESS", help="udp:PORT tcp:HOST:PORT tcp-listen:PORT serial:DEV file:PATH"
-        ),
+        typer.Option("--from", metavar="ADDRESS", help="udp:PORT tcp:HOST:PORT tcp-listen:PORT serial:DEV file:PATH"),
     ],
     output: RunFolder,
     form: Annotated[

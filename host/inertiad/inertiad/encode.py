@@ -15,15 +15,11 @@ from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from inertiad import dbc, quantity, table
+from inertiad import dbc, quantity, table, tracker_csv
 from inertiad.dbc import Binding
 from inertiad.error import InputError
 from inertiad.robot import Robot, read_data, to_toml
 from inertiad.table import Array, Table
-
-TRACKER_HEADER = "t,x,y,z"
-TRACKER_FAR = 100.0
-"""m: a tracked position beyond this is most likely in mm."""
 
 Bits = NDArray[np.uint64]
 
@@ -192,12 +188,6 @@ def write_can_log(path: Path, t: Array, frames: list[Frames], stamp: Stamp = sta
     return len(lines)
 
 
-def write_tracker(path: Path, tracker: Table) -> None:
-    """Write the tracker's positions: s to the microsecond, m to the nanometre."""
-    rows = np.column_stack([tracker.t, tracker.stack("x", "y", "z")])
-    np.savetxt(path, rows, fmt=["%.6f", "%.9f", "%.9f", "%.9f"], delimiter=",", header=TRACKER_HEADER, comments="")
-
-
 def write_robot(folder: Path, robot: Robot, data: dict[str, Any], bitrate: float | None = None) -> None:
     """Write the robot's description and DBC files into a run folder.
 
@@ -279,26 +269,11 @@ def read_signals(path: Path, robot: Robot) -> Table:
     return signals
 
 
-def read_tracker(path: Path) -> Table:
-    """A tracker CSV. InputError: see table.read(); also for positions that look like mm."""
-    tracker = table.read(path, ["t", "x", "y", "z"])
-    for name in ("x", "y", "z"):
-        if name not in tracker.columns:
-            raise InputError(f"{path}: line 1: no column {name}: allowed: {TRACKER_HEADER}")
-        worst = int(np.argmax(np.abs(tracker.columns[name])))
-        if abs(tracker.columns[name][worst]) > TRACKER_FAR:
-            value = f"{name} = {tracker.columns[name][worst]:.6g} m at t = {tracker.t[worst]:.6g} s"
-            raise InputError(f"{path}: {value}: allowed: within {TRACKER_FAR:g} m; is the file in mm?")
-    if tracker.t[0] < 0.0:
-        raise InputError(f"{path}: t = {tracker.t[0]:g} s: allowed: 0 and later")
-    return tracker
-
-
 def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Path | None, folder: Path) -> int:
     """CSV files -> run folder. Every frame is stamped with its sample's time. Returns the number of frames."""
     bindings = dbc.bind(robot, str(robot_file))
     signals = read_signals(signals_file, robot)
-    tracker = read_tracker(tracker_file) if tracker_file else None
+    tracker = tracker_csv.read(tracker_file) if tracker_file else None
     if tracker is None and robot.position.source == "tracker":
         raise InputError(
             f'{robot_file}: position.source = "tracker": allowed: with --tracker FILE, else "fixed" or "can"'
@@ -307,5 +282,5 @@ def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Pat
     open_run(folder)
     write_robot(folder, robot, read_data(robot_file), bitrate=0.0)
     if tracker is not None:
-        write_tracker(folder / "tracker.csv", tracker)
+        tracker_csv.write(folder / "tracker.csv", tracker)
     return write_can_log(folder / "can.log", signals.t, frames)

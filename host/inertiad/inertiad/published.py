@@ -19,7 +19,7 @@ from typing import Any, Final
 import lcm
 import numpy as np
 
-from inertiad import canlog, encode, lcmlog, replay, watch
+from inertiad import canlog, lcmlog, replay, tracker_csv, watch
 from inertiad.canlog import CanLog
 from inertiad.error import InputError
 from inertiad.lcmlog import Event
@@ -235,6 +235,6 @@ def positions_of(setup: Setup, published: Published) -> list[tuple[int, list[flo
         return []
     if published.is_live:
         return [(m.t_ns, list(m.position)) for m in published.messages["TRACKER"] if m.valid]
-    table = encode.read_tracker(setup.run / "tracker.csv")
+    table = tracker_csv.read(setup.run / "tracker.csv")
     t_ns = np.rint(1e9 * table.t).astype(np.int64)
     return list(zip(t_ns.tolist(), table.stack("x", "y", "z").tolist(), strict=True))

@@ -23,7 +23,7 @@ from rich.live import Live
 from rich.table import Table
 
 import inertiad_core
-from inertiad import encode, lcmlog, watch
+from inertiad import encode, lcmlog, tracker_csv, watch
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Parser, Sample
 from inertiad_lcm import tracker_t
@@ -35,7 +35,7 @@ SILENT: Final = 2.0
 RETRY: Final = 0.5
 """s between attempts to connect"""
 POLL: Final = 0.05
-FAR: Final = encode.TRACKER_FAR
+FAR: Final = tracker_csv.FAR
 UNBELIEVABLE: Final = 1e7
 """m: beyond it is not a wrong unit but wrong bytes"""
 JUDGE_AFTER: Final = 20
@@ -359,7 +359,7 @@ class Recording:
         self._link = watch.connect(options.url)
         self._raw = (self.folder / "tracker.raw").open("wb")
         self._csv = (self.folder / "tracker.csv").open("wb")
-        self._write(self._csv, (encode.TRACKER_HEADER + "\n").encode())
+        self._write(self._csv, (tracker_csv.HEADER + "\n").encode())
         self._last_ns = 0
         self.n_rows = self.n_out_of_order = 0
         self.lcm.start()

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
-from inertiad import canlog, encode, instrument
+from inertiad import canlog, instrument, tracker_csv
 from inertiad.canlog import CanLog
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Sample
@@ -347,7 +347,7 @@ def _tracker_of(options: Options) -> tuple[NDArray[np.int64], NDArray[np.float64
     path = options.run / "tracker.csv"
     if not options.tracker or not path.exists():
         return None
-    positions = encode.read_tracker(path)
+    positions = tracker_csv.read(path)
     return np.rint(1e9 * positions.t).astype(np.int64), positions.stack("x", "y", "z")
 
 

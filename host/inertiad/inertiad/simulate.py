@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
-from inertiad import compile, dbc, encode, quantity, sensors
+from inertiad import compile, dbc, encode, quantity, sensors, tracker_csv
 from inertiad.encode import Frames
 from inertiad.error import InputError
 from inertiad.estimate import read_json
@@ -330,7 +330,7 @@ def simulate(run: Run, folder: Path, progress: Progress) -> int:
     description = {"std": data_sheet(level)} | read_data(run.robot_file)
     encode.write_robot(folder, robot, description, bitrate=None if level.bus_timing else 0.0)
     if robot.position.source == "tracker":
-        encode.write_tracker(folder / "tracker.csv", measure_tracker(robot, run.trajectory, level, dice))
+        tracker_csv.write(folder / "tracker.csv", measure_tracker(robot, run.trajectory, level, dice))
     settings = {
         "trajectory": run.trajectory_name,
         "rate": run.rate,
