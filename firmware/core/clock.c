@@ -103,7 +103,7 @@ static void fit(ipe_clock_t* c)
 
 static void learn(ipe_clock_t* c, double device, double host)
 {
-    if (device >= c->block_end) {
+    if (c->n_points == 0 || device >= c->block_end) {
         if (c->n_points > 0) { fit(c); }
         make_room(c);
         c->point[c->n_points].device = device;

@@ -102,7 +102,8 @@ class Model:
 
     def sigma(self, information: Array) -> Array:
         """Published sigma [10] of mass, CoG and inertia for a filter with this information matrix [n, n]."""
-        return np.sqrt(np.diag(self.covariance(np.linalg.inv(information)[:10, :10])))
+        P = np.asarray(np.linalg.inv(information)[:10, :10], dtype=np.float64)
+        return np.sqrt(np.diag(self.covariance(P)))
 
     def information(self, H: Array, weight: float = 1.0) -> Array:
         """Lambda [n, n] of windows H [M, 6, n], each counted weight times."""
