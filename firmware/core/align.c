@@ -3,6 +3,7 @@
 
 #include "smallmat.h"
 
+#include <assert.h>
 #include <string.h>
 
 #define SAME_INSTANT_NS 1000     // closer than this, a sample is taken as it is
@@ -83,6 +84,7 @@ static size_t width(const ipe_align_t* a, ipe_sensor_t sensor)
 
 ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
 {
+    assert(sensor >= IPE_IMU && sensor < IPE_SENSOR_COUNT);
     if (!all_finite(value, width(a, sensor))) {
         ++a->n_nonfinite[sensor];
         return IPE_ERR_NONFINITE;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "clock.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -103,6 +104,7 @@ static void fit(ipe_clock_t* c)
 
 static void learn(ipe_clock_t* c, double device, double host)
 {
+    assert(c->n_points >= 0 && c->n_points <= IPE_CLOCK_POINTS);
     if (c->n_points == 0 || device >= c->block_end) {
         if (c->n_points > 0) { fit(c); }
         make_room(c);
