@@ -21,7 +21,8 @@ GEN := $(patsubst lcm_types/%.lcm,build/gen/inertiad_lcm_%.c,$(wildcard lcm_type
 CORE := $(patsubst %.c,$(B)/obj/%.o,$(wildcard firmware/core/*.c))
 IO := $(patsubst %.c,$(B)/obj/%.o,$(wildcard firmware/io/*.c) $(GEN))
 LIBS = $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a $(SITE)/lib/liblcm.a -l:libglib-2.0.so.0 -pthread -lm
-PROGRAMS := $(patsubst firmware/app/%.c,$(B)/bin/%,$(wildcard firmware/app/*.c)) $(B)/bin/inertiactl
+APP := $(patsubst %.c,$(B)/obj/%.o,$(wildcard firmware/app/*.c))
+PROGRAMS := $(B)/bin/inertiad $(B)/bin/inertiactl
 EXAMPLES := $(patsubst host/eigen/examples/%.cpp,$(B)/bin/examples/%,$(wildcard host/eigen/examples/*.cpp))
 BINDING := $(patsubst host/eigen/python/%.cpp,$(B)/python/%.so,$(wildcard host/eigen/python/*.cpp))
 UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/test_*.c))
@@ -82,9 +83,9 @@ $(B)/lib/%.a:
 $(B)/bin/inertiactl: tools/inertiactl
 	@mkdir -p $(@D)
 	$(Q)install -m 755 $< $@
-$(B)/bin/%: $(B)/obj/firmware/app/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+$(B)/bin/inertiad: $(APP) $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
-	$(call say,ld  $@)$(CC) $(SANITIZE) $< $(LIBS) -o $@
+	$(call say,ld  $@)$(CC) $(SANITIZE) $(APP) $(LIBS) -o $@
 $(B)/bin/examples/%: $(B)/obj/host/eigen/examples/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@

@@ -90,14 +90,15 @@ static void handle_tracker(const lcm_recv_buf_t* received, const char* channel, 
             ipe_record_push(p->record, p->channel[IPE_PUBLISH_TRACKER], tracker.t_ns, received->data,
                             received->data_size);
         }
-        p->take_position(tracker.t_ns, tracker.position);
+        p->take_position(p->take_position_user, tracker.t_ns, tracker.position);
     }
 }
 
-int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler)
+int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler, void* user)
 {
     if (p->lcm == NULL) { return -1; }
     p->take_position = handler;
+    p->take_position_user = user;
     lcm_subscription_t* subscription = lcm_subscribe(p->lcm, p->channel[IPE_PUBLISH_TRACKER], handle_tracker, p);
     if (subscription == NULL) { return -1; }
     return lcm_subscription_set_queue_capacity(subscription, TRACKER_QUEUE);

@@ -40,8 +40,8 @@ typedef enum {
     IPE_PUBLISH_COUNT
 } ipe_publish_channel_t;
 
-/// Takes one tracked position: host time [ns], position [3] in W, m.
-typedef void (*ipe_position_handler_t)(int64_t t_ns, const double position[3]);
+/// Takes one tracked position: host time [ns], position [3] in W, m; user as given with the handler.
+typedef void (*ipe_position_handler_t)(void* user, int64_t t_ns, const double position[3]);
 
 typedef struct {
     lcm_t* lcm;                           ///< NULL: off
@@ -52,6 +52,7 @@ typedef struct {
     int64_t estimate_period_ns, estimate_due_ns;
     bool has_estimate_due;
     ipe_position_handler_t take_position;
+    void* take_position_user;
     ipe_message_limit_t limit;
 
     int n_frames, n_rows;  ///< in the open blocks
@@ -86,7 +87,7 @@ int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, cons
 void ipe_publish_record(ipe_publish_t* p, ipe_record_t* record);
 
 /// Listen to TRACKER; handler is called from ipe_publish_receive(). 0 or -1.
-int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler);
+int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler, void* user);
 
 /// Readable when a message has come; -1 when LCM is off.
 int ipe_publish_fileno(const ipe_publish_t* p);

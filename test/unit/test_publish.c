@@ -186,8 +186,9 @@ static void test_publish_health_and_event_arrive_whole(void)
     TEST_ASSERT_EQUAL_STRING("can0: interface is down", last_text);
 }
 
-static void take_position(int64_t t_ns, const double position[3])
+static void take_position(void* user, int64_t t_ns, const double position[3])
 {
+    TEST_ASSERT_EQUAL_PTR(&publisher, user);
     last_t_ns = t_ns;
     memcpy(last_position, position, sizeof last_position);
 }
@@ -203,7 +204,7 @@ static void send_tracker(bool is_valid, int n_cut)
 
 static void test_publish_tracker_positions_are_handed_on_if_valid(void)
 {
-    TEST_ASSERT_EQUAL(0, ipe_publish_subscribe(&publisher, take_position));
+    TEST_ASSERT_EQUAL(0, ipe_publish_subscribe(&publisher, take_position, &publisher));
     send_tracker(true, 0);
     TEST_ASSERT_EQUAL_INT64(77, last_t_ns);
     TEST_ASSERT_EQUAL_DOUBLE(3.0, last_position[2]);
@@ -222,7 +223,7 @@ static void test_publish_without_lcm_does_nothing(void)
     push_frames(1000, 0, MS);
     ipe_publish_last(&publisher, &estimate);
     TEST_ASSERT_EQUAL(-1, ipe_publish_fileno(&publisher));
-    TEST_ASSERT_EQUAL(-1, ipe_publish_subscribe(&publisher, take_position));
+    TEST_ASSERT_EQUAL(-1, ipe_publish_subscribe(&publisher, take_position, &publisher));
     TEST_ASSERT_EQUAL_UINT64(0, publisher.n_messages);
 }
 

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "daemon.h"
+#include "estimate_file.h"
+#include "flow.h"
+#include "health.h"
+#include "message.h"
+#include "monitor.h"
+
+static int write_estimate(daemon_t* d)
+{
+    char reason[REASON_SIZE];
+    health_count_input(d);
+    const ipe_run_t result = {.pipeline = &d->pipeline,
+                              .counters = &d->counters,
+                              .n_frames = health_frames(d),
+                              .n_rejected = health_rejected_rows(d),
+                              .duration = (double)(d->last_row_ns - d->first_row_ns) / (double)NS_PER_S};
+    if (ipe_estimate_file_write(d->option.estimate, &result, reason, sizeof reason) == 0) { return 0; }
+    return daemon_refuse("--estimate", reason);
+}
+
+/// False if a replay's record lacks anything.
+static bool close_record(daemon_t* d)
+{
+    if (!d->is_recording) { return true; }
+    monitor_record(d);
+    ipe_publish_record(&d->publisher, NULL);
+    const bool is_whole = ipe_record_close(&d->recorder) == 0;
+    if (!is_whole) { ipe_message("--record: %s is not complete", d->recorder.option.path); }
+    return is_whole || d->n_interfaces > 0;
+}
+
+bool daemon_close(daemon_t* d)
+{
+    bool is_good = true;
+    ipe_pipeline_flush(&d->pipeline);
+    flow_step(d);
+    for (unsigned i = 0; i < d->n_interfaces; ++i) { ipe_source_socketcan_close(&d->interface[i]); }
+    ipe_replay_close(&d->replay);
+    if (d->option.estimate != NULL && write_estimate(d) != 0) { is_good = false; }
+    if (d->option.checkpoint != NULL && ipe_checkpoint_close(&d->checkpoint, &d->pipeline) != 0) { is_good = false; }
+    ipe_publish_last(&d->publisher, &d->pipeline.estimate);
+    health_send(d, flow_now(d));
+    if (!close_record(d)) { is_good = false; }
+    health_count(d);
+    ipe_publish_close(&d->publisher);
+    ipe_counters_print(&d->counters);
+    return is_good;
+}

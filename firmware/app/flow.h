@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The data's way: frame or position -> pipeline -> rows and estimates -> LCM and record.
+#ifndef IPE_FLOW_H
+#define IPE_FLOW_H
+
+#include "daemon.h"
+
+/// Host time now: the clock for interfaces, the newest stamp for recorded input.
+int64_t flow_now(const daemon_t* d);
+
+/// Take one frame.
+void flow_frame(daemon_t* d, const ipe_frame_t* frame);
+
+/// Take one tracked position: host time [ns], position [3] in W, m.
+void flow_position(daemon_t* d, int64_t t_ns, const double position[3]);
+
+/// Step the pipeline while rows are ready, and publish what comes out.
+void flow_step(daemon_t* d);
+
+#endif

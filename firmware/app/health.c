@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "health.h"
+
+#include <stdio.h>
+
+static void count_buses(daemon_t* d)
+{
+    char stage[16];
+    uint64_t value = 0;
+    const char* cause;
+    for (unsigned i = 0; i < d->option.n_buses; ++i) {
+        (void)snprintf(stage, sizeof stage, "bus%u", i);
+        for (unsigned k = 0;; ++k) {
+            cause = d->n_interfaces > 0 ? ipe_source_socketcan_counter(&d->interface[i], k, &value)
+                                        : ipe_source_file_counter(&d->replay.bus[i], k, &value);
+            if (cause == NULL) { break; }
+            ipe_counters_add(&d->counters, stage, cause, value);
+        }
+    }
+}
+
+void health_count_input(daemon_t* d)
+{
+    uint64_t value = 0;
+    const char* cause;
+    ipe_counters_clear(&d->counters);
+    count_buses(d);
+    for (unsigned k = 0;
+         d->replay.has_tracker && (cause = ipe_source_tracker_file_counter(&d->replay.tracker, k, &value)) != NULL;
+         ++k) {
+        ipe_counters_add(&d->counters, "tracker", cause, value);
+    }
+    for (unsigned k = 0; (cause = ipe_pipeline_counter(&d->pipeline, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&d->counters, NULL, cause, value);
+    }
+}
+
+void health_count(daemon_t* d)
+{
+    uint64_t value = 0;
+    const char* cause;
+    health_count_input(d);
+    for (unsigned k = 0; (cause = ipe_publish_counter(&d->publisher, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&d->counters, "lcm", cause, value);
+    }
+    for (unsigned k = 0; d->option.record != NULL && (cause = ipe_record_counter(&d->recorder, k, &value)) != NULL;
+         ++k) {
+        ipe_counters_add(&d->counters, "record", cause, value);
+    }
+    for (unsigned k = 0;
+         d->option.checkpoint != NULL && (cause = ipe_checkpoint_counter(&d->checkpoint, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&d->counters, "checkpoint", cause, value);
+    }
+}
+
+static const ipe_bus_counts_t* bus_counts(const daemon_t* d, unsigned i)
+{
+    return d->n_interfaces > 0 ? &d->interface[i].counts : &d->replay.bus[i].counts;
+}
+
+uint64_t health_frames(const daemon_t* d)
+{
+    uint64_t n = 0;
+    for (unsigned i = 0; i < d->option.n_buses; ++i) { n += bus_counts(d, i)->n_frames; }
+    return n;
+}
+
+uint64_t health_rejected_rows(const daemon_t* d)
+{
+    const ipe_align_t* a = &d->pipeline.align;
+    uint64_t n = a->n_overrun + a->n_bad_quaternion + d->pipeline.wrench.n_geometry + d->pipeline.window.n_backwards;
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
+    return n + a->n_backwards[IPE_IMU] + a->n_nonfinite[IPE_IMU];
+}
+
+uint64_t health_dropped(const daemon_t* d)
+{
+    uint64_t n = health_rejected_rows(d);
+    for (unsigned i = 0; i < d->option.n_buses; ++i) {
+        n += bus_counts(d, i)->n_dropped + bus_counts(d, i)->n_controller_overruns;
+    }
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += d->pipeline.group[s].n_incomplete; }
+    return n;
+}
+
+static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
+{
+    const ipe_ring_t* ring = &d->pipeline.align.ring[sensor];
+    if (ring->head == 0) { return -1.0; }
+    return (double)(now_ns - ring->t_ns[(ring->head - 1) % IPE_RING]) / (double)NS_PER_S;
+}
+
+void health_send(daemon_t* d, int64_t now_ns)
+{
+    double age[IPE_SENSOR_COUNT];
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { age[s] = age_of(d, (ipe_sensor_t)s, now_ns); }
+    health_count(d);
+    ipe_publish_health(&d->publisher, now_ns, &d->counters, age);
+    d->was_health_sent = true;
+}
+
+void health_advance(daemon_t* d, int64_t t_ns)
+{
+    d->data_ns = t_ns;
+    if (t_ns < d->health_due_ns && t_ns >= d->health_due_ns - NS_PER_S) { return; }
+    if (d->health_due_ns != 0) { health_send(d, t_ns); }
+    d->health_due_ns = t_ns + NS_PER_S;
+}

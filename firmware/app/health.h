@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+/// What every stage took in, passed on and refused: counted together, sent as HEALTH.
+#ifndef IPE_HEALTH_H
+#define IPE_HEALTH_H
+
+#include "daemon.h"
+
+/// Bring d->counters up to date: all, or what depends on the input only.
+void health_count(daemon_t* d);
+void health_count_input(daemon_t* d);
+
+/// Frames taken in, from all buses.
+uint64_t health_frames(const daemon_t* d);
+
+/// IMU samples that were complete and did not become a used row.
+uint64_t health_rejected_rows(const daemon_t* d);
+
+/// Frames lost before they reached us, incomplete samples, and rows.
+uint64_t health_dropped(const daemon_t* d);
+
+/// Send HEALTH.
+void health_send(daemon_t* d, int64_t now_ns);
+
+/// Move data time on; HEALTH goes out once per second of it.
+void health_advance(daemon_t* d, int64_t t_ns);
+
+#endif

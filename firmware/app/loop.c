@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "loop.h"
+
+#include "flow.h"
+#include "monitor.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/timerfd.h>
+#include <unistd.h>
+
+enum { ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16 };
+
+/// What woke the loop. Interfaces follow the last one: WAKE_BUS + index.
+enum { WAKE_SIGNAL, WAKE_SECOND, WAKE_PACE, WAKE_INPUT, WAKE_LCM, WAKE_BUS };
+
+static void watch(daemon_t* d, int fd, uint64_t wake, uint32_t events)
+{
+    struct epoll_event event = {.events = events, .data.u64 = wake};
+    (void)epoll_ctl(d->epoll_fd, EPOLL_CTL_ADD, fd, &event);
+}
+
+void loop_watch_interface(daemon_t* d, unsigned i)
+{
+    watch(d, d->interface[i].fd, WAKE_BUS + i, EPOLLIN);
+}
+
+int loop_open(daemon_t* d)
+{
+    const struct itimerspec each_second = {.it_interval.tv_sec = 1, .it_value.tv_sec = 1};
+    d->epoll_fd = epoll_create1(EPOLL_CLOEXEC);
+    d->second_fd = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC | TFD_NONBLOCK);
+    d->pace_fd = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC | TFD_NONBLOCK);
+    if (d->epoll_fd < 0 || d->second_fd < 0 || d->pace_fd < 0 ||
+        timerfd_settime(d->second_fd, 0, &each_second, NULL) != 0) {
+        return daemon_refuse("event loop", strerror(errno));
+    }
+    watch(d, d->signal_fd, WAKE_SIGNAL, EPOLLIN);
+    watch(d, d->second_fd, WAKE_SECOND, EPOLLIN);
+    watch(d, d->pace_fd, WAKE_PACE, EPOLLIN);
+    if (ipe_publish_fileno(&d->publisher) >= 0) { watch(d, ipe_publish_fileno(&d->publisher), WAKE_LCM, EPOLLIN); }
+    for (unsigned i = 0; i < d->n_interfaces; ++i) { loop_watch_interface(d, i); }
+    d->is_replay_runnable = d->n_interfaces == 0;
+    return 0;
+}
+
+/// Wait until fd is readable; false if it always is, as files are.
+static bool wait_for_input(daemon_t* d, int fd)
+{
+    struct epoll_event event = {.events = EPOLLIN | EPOLLONESHOT, .data.u64 = WAKE_INPUT};
+    return epoll_ctl(d->epoll_fd, EPOLL_CTL_MOD, fd, &event) == 0 ||
+           epoll_ctl(d->epoll_fd, EPOLL_CTL_ADD, fd, &event) == 0;
+}
+
+static void wait_until(daemon_t* d, int64_t due_ns)
+{
+    const struct itimerspec due = {.it_value = {.tv_sec = due_ns / NS_PER_S, .tv_nsec = due_ns % NS_PER_S}};
+    (void)timerfd_settime(d->pace_fd, TFD_TIMER_ABSTIME, &due, NULL);
+}
+
+/// One item of the recorded input. False when it has to wait.
+static bool replay_item(daemon_t* d)
+{
+    ipe_replay_item_t item;
+    switch (ipe_replay_next(&d->replay, &item)) {
+    case IPE_REPLAY_FRAME: flow_frame(d, item.frame); return true;
+    case IPE_REPLAY_POSITION:
+        ipe_publish_position(&d->publisher, item.position->t_ns, item.position->position);
+        flow_position(d, item.position->t_ns, item.position->position);
+        return true;
+    case IPE_REPLAY_WAIT:
+        if (wait_for_input(d, item.fd)) { return false; }
+        ipe_replay_fill(&d->replay);
+        return true;
+    case IPE_REPLAY_EARLY: wait_until(d, item.due_ns); return false;
+    case IPE_REPLAY_END:
+    default: d->is_done = true; return false;
+    }
+}
+
+/// Recorded input, a turn of it: signals and LCM are looked at in between.
+static void run_replay(daemon_t* d)
+{
+    for (int i = 0; i < ITEMS_PER_TURN && d->is_replay_runnable; ++i) { d->is_replay_runnable = replay_item(d); }
+}
+
+static void read_interface(daemon_t* d, unsigned i)
+{
+    int n = 1;
+    for (int batch = 0; batch < BATCHES_PER_TURN && n > 0; ++batch) {
+        n = ipe_source_socketcan_read(&d->interface[i]);
+        for (int k = 0; k < n; ++k) { flow_frame(d, &d->interface[i].frame[k]); }
+    }
+    monitor_interface(d, i);
+}
+
+static void acknowledge(int timer_fd)
+{
+    uint64_t n_expirations;
+    (void)!read(timer_fd, &n_expirations, sizeof n_expirations);  // nothing to read: it was read before
+}
+
+static void handle(daemon_t* d, uint64_t wake)
+{
+    switch (wake) {
+    case WAKE_SIGNAL: d->is_done = true; break;
+    case WAKE_SECOND:
+        acknowledge(d->second_fd);
+        monitor_tick(d);
+        break;
+    case WAKE_PACE:
+        acknowledge(d->pace_fd);
+        d->is_replay_runnable = true;
+        break;
+    case WAKE_INPUT:
+        ipe_replay_fill(&d->replay);
+        d->is_replay_runnable = true;
+        break;
+    case WAKE_LCM: ipe_publish_receive(&d->publisher); break;
+    default: read_interface(d, (unsigned)(wake - WAKE_BUS)); break;
+    }
+}
+
+void loop_run(daemon_t* d)
+{
+    while (!d->is_done) {
+        struct epoll_event event[8];
+        const int n = epoll_wait(d->epoll_fd, event, sizeof event / sizeof event[0], d->is_replay_runnable ? 0 : -1);
+        for (int i = 0; i < n; ++i) { handle(d, event[i].data.u64); }
+        if (d->is_replay_runnable) { run_replay(d); }
+    }
+}

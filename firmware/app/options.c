@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "options.h"
+
+#include "message.h"
+
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { CPUS_MAX = 1024 };
+
+static const char USAGE[] =
+    "usage: inertiad --config robot.cfg --bus ADDRESS [--bus ADDRESS ...] [options]\n"
+    "Estimates mass, centre of gravity and inertia of a cable-driven platform from its CAN buses.\n"
+    "\n"
+    "  --config FILE       compiled robot description, made by: inertiactl compile robot.toml -o robot.cfg\n"
+    "  --bus ADDRESS       one per bus, in the order of the description:\n"
+    "      socketcan:can0[?filter=off]            a CAN interface; off: receive frames nothing is bound to, too\n"
+    "      file:can.log[?speed=1][&interface=can0]  a candump log, file:- stdin; speed 0 (default): as fast as possible,\n"
+    "                                             1: as recorded; interface: take the frames of this one only\n"
+    "  --tracker file:FILE positions of the tracked point, CSV with the columns t,x,y,z; default: from LCM\n"
+    "  --lcm URL           where to publish, none: nowhere; default udpm://239.255.76.67:7667?ttl=0\n"
+    "  --lcm-prefix TEXT   of every channel; default INERTIAD_\n"
+    "  --record FILE[?rotate_mb=N][&rotate_s=N]\n"
+    "                      an LCM log of all that is published, with or without --lcm, the tracker and the configuration;\n"
+    "                      an earlier FILE, and one that reached a limit, is moved to FILE.1, FILE.2, ...\n"
+    "  --estimate FILE     write the result as JSON on exit\n"
+    "  --checkpoint FILE   keep what was learnt, every 5 s and on exit, and continue from it\n"
+    "  --rt PRIORITY       run as SCHED_FIFO, 1 to 99, with all memory locked\n"
+    "  --cpu N             run on this processor only, from 0\n"
+    "  -h, --help          this text\n"
+    "\n"
+    "example:\n"
+    "  inertiad --config robot.cfg --bus file:run/can.log --tracker file:run/tracker.csv --estimate run/estimate.json\n";
+
+static int usage_error(const char* name, const char* reason)
+{
+    ipe_message("%s: %s; inertiad -h shows how", name, reason);
+    return -1;
+}
+
+static int add_bus(options_t* o, char* address)
+{
+    if (o->n_buses == IPE_BUSES_MAX) { return usage_error("--bus", "more than 8"); }
+    o->bus[o->n_buses++] = address;
+    return 0;
+}
+
+static int read_number(const char* name, const char* text, int minimum, int maximum, int* number)
+{
+    char reason[REASON_SIZE];
+    char* end;
+    const long value = strtol(text, &end, 10);
+    if (text[0] >= '0' && text[0] <= '9' && *end == '\0' && value >= minimum && value <= maximum) {
+        *number = (int)value;
+        return 0;
+    }
+    (void)snprintf(reason, sizeof reason, "\"%s\" is not a whole number from %d to %d", text, minimum, maximum);
+    return usage_error(name, reason);
+}
+
+static int take_option(options_t* o, int letter, const char* text)
+{
+    switch (letter) {
+    case 'c': o->config = optarg; return 0;
+    case 'b': return add_bus(o, optarg);
+    case 't': o->tracker = optarg; return 0;
+    case 'l': o->lcm = optarg; return 0;
+    case 'p': o->lcm_prefix = optarg; return 0;
+    case 'R': return read_number("--rt", optarg, 1, 99, &o->priority);
+    case 'C': return read_number("--cpu", optarg, 0, CPUS_MAX - 1, &o->cpu);
+    case 'k': o->checkpoint = optarg; return 0;
+    case 'r': o->record = optarg; return 0;
+    case 'e': o->estimate = optarg; return 0;
+    case ':': return usage_error(text, "needs a value");
+    default: return usage_error(text, "unknown or ambiguous option");
+    }
+}
+
+int options_read(options_t* o, int argc, char** argv)
+{
+    static const struct option LONG[] = {
+        {"config", required_argument, NULL, 'c'},
+        {"bus", required_argument, NULL, 'b'},
+        {"tracker", required_argument, NULL, 't'},
+        {"lcm", required_argument, NULL, 'l'},
+        {"lcm-prefix", required_argument, NULL, 'p'},
+        {"record", required_argument, NULL, 'r'},
+        {"estimate", required_argument, NULL, 'e'},
+        {"checkpoint", required_argument, NULL, 'k'},
+        {"rt", required_argument, NULL, 'R'},
+        {"cpu", required_argument, NULL, 'C'},
+        {"help", no_argument, NULL, 'h'},
+        {NULL, 0, NULL, 0},
+    };
+    int letter;
+    *o = (options_t){.lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_", .cpu = -1};
+    while ((letter = getopt_long(argc, argv, ":h", LONG, NULL)) != -1) {
+        if (letter == 'h') { return fputs(USAGE, stdout) < 0 ? -1 : 1; }
+        if (take_option(o, letter, argv[optind - 1]) != 0) { return -1; }
+    }
+    if (optind < argc) { return usage_error(argv[optind], "belongs to no option"); }
+    if (o->config == NULL) { return usage_error("--config", "missing"); }
+    if (o->n_buses == 0) { return usage_error("--bus", "missing"); }
+    return 0;
+}
