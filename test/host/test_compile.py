@@ -4,16 +4,21 @@
 import re
 import zlib
 
+import cantools
 import numpy as np
 import pytest
 from conftest import COGIRO, TOP, minimal_toml
+from hypothesis import given
+from hypothesis import strategies as st
 
 import inertiad_core
 from inertiad import compile as compiler
+from inertiad import dbc, encode
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.quantity import QUANTITIES
 from inertiad.robot import inertia_matrix
+from inertiad.table import Table
 from inertiad_lcm import robot_config_t
 
 TEXT = (COGIRO / "robot.toml").read_text()
@@ -118,3 +123,49 @@ def test_garbage_dbc_is_one_line(robot_file, tmp_path):
     (tmp_path / "platform.dbc").write_bytes(b"BO_ nothing of the kind\n\x00\xff")
     with pytest.raises(InputError, match=r"platform.dbc: not a usable DBC: [^\n]+$"):
         compiled(path)
+
+
+SCALED = '{ signal = "FORCE_A.f_1", %s }'
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("scal = 2.0", "signals.f_1.scal: unknown key; did you mean scale?"),
+        ("scale = 0", "signals.f_1.scale = 0: allowed: 1e-12 to 1e12 in magnitude"),
+        ('scale = "a"', 'signals.f_1.scale = "a": allowed: a number'),
+    ],
+)
+def test_scaled_signal_with_a_mistake_is_named(tmp_path, keys, message):
+    path = tmp_path / "robot.toml"
+    path.write_text(f'base = "{COGIRO}/robot.toml"\n[signals]\nf_1 = {SCALED % keys}\n')
+    with pytest.raises(InputError, match=re.escape(message)):
+        description.load(path)
+
+
+@given(
+    scale=st.floats(1e-6, 1e6) | st.floats(-1e6, -1e-6),
+    offset=st.floats(-1e3, 1e3),
+    raw=st.integers(0, 65535),
+)
+def test_scaled_signal_is_the_dbc_value_times_scale_plus_offset(scale, offset, raw):
+    data = description.read_data(COGIRO / "robot.toml")
+    data["signals"]["f_1"] = {"signal": "FORCE_A.f_1", "scale": scale, "offset": offset}
+    robot = description.validate(description.Robot, data, "robot.toml")
+    config = inertiad_core.Config(compiler.compile_robot(robot, "robot.toml"))
+    payload = raw.to_bytes(2, "little") + bytes(6)
+    message = cantools.database.load_file(COGIRO / "platform.dbc").get_message_by_name("FORCE_A")
+    expected = message.decode(payload)["f_1"] * scale + offset
+    found = inertiad_core.decode_frame(config, 0, message.frame_id, payload)[QUANTITIES["f_1"]]
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * (abs(200 * scale) + abs(offset)))
+
+
+def test_device_time_bound_as_counter_is_encoded_once(tmp_path):
+    data = description.read_data(COGIRO / "robot.toml")
+    data["signals"]["imu_counter"] = ["IMU_TIME.time"]
+    robot = description.validate(description.Robot, data, "robot.toml")
+    t = np.array([1.0, 1.001])
+    columns = {name: np.zeros(2) for name in dbc.required(robot)}
+    frames = encode.pack(dbc.bind(robot, "robot.toml"), Table(t, columns, "test"), t)
+    ticks = [int.from_bytes(row[:4].tobytes(), "big") for f in frames if f.can_id == 0x10 for row in f.data]
+    assert ticks == [1_000_000, 1_001_000]

@@ -12,7 +12,7 @@ from cantools.database.can import Database, Message, Signal
 from inertiad import quantity
 from inertiad.error import InputError
 from inertiad.quantity import Dimension
-from inertiad.robot import Robot
+from inertiad.robot import Bound, Robot, Scaled
 
 EXTENDED_ID = 0x80000000
 GENERATED_NAME = "generated.dbc"
@@ -110,14 +110,18 @@ def unit_factor(unit: str | None, dimension: Dimension) -> float:
     return known[text]
 
 
-def _limits(signal: Signal, factor: float) -> tuple[float, float]:
-    """The DBC's limits in SI, half a count wider: a value exactly on the limit must survive rounding."""
+def _limits(signal: Signal, factor: float, zero: float) -> tuple[float, float]:
+    """The DBC's limits in SI, half a count wider: a value exactly on the limit must survive rounding.
+
+    factor: SI value of one of the DBC's units; zero: SI value of zero in them.
+    """
     low, high = signal.minimum, signal.maximum
     if low is None or high is None or not low < high or not (math.isfinite(low) and math.isfinite(high)):
         return 0.0, 0.0
     half = 0.0 if signal.is_float else 0.5 * abs(float(signal.scale))
     margin = half + 1e-6 * (high - low) * signal.is_float
-    return (float(low) - margin) * factor, (float(high) + margin) * factor
+    ends = sorted(((float(low) - margin) * factor + zero, (float(high) + margin) * factor + zero))
+    return ends[0], ends[1]
 
 
 def _check_representable(name: str, message: Message, signal: Signal, source: str) -> None:
@@ -168,19 +172,37 @@ def _bus_number(name: str, reference: str, prefix: str, n_buses: int) -> int:
     return int(number)
 
 
-def _bind(name: str, reference: str, buses: list[BusDatabase]) -> Binding:
-    bus, message, signal, source = _find(name, reference, buses)
-    _check_representable(name, message, signal, source)
+def _unit_of(name: str, signal: Signal, place: str) -> float:
+    """SI value of one of the signal's units. InputError: it does not measure what the quantity is."""
+    if name in quantity.COUNTER:  # only told apart, never measured
+        return 1.0
     try:
-        factor = unit_factor(signal.unit, quantity.dimension(name))
+        return unit_factor(signal.unit, quantity.dimension(name))
     except KeyError as error:
-        place = f"{source}: {message.name}.{signal.name}"
-        raise InputError(f'signals.{name}: {place}: unit "{signal.unit}": allowed: {error.args[0]}') from None
-    scale, offset = float(signal.scale) * factor, float(signal.offset) * factor
-    low, high = _limits(signal, factor)
+        raise InputError(
+            f'signals.{name}: {place}: unit "{signal.unit}": allowed: {error.args[0]}, or another with '
+            f'{name} = {{ signal = "...", scale = ... }}'
+        ) from None
+
+
+def _bind(name: str, bound: str | Scaled, buses: list[BusDatabase]) -> Binding:
+    bus, message, signal, source = _find(name, bound.signal if isinstance(bound, Scaled) else bound, buses)
+    _check_representable(name, message, signal, source)
+    if isinstance(bound, Scaled):
+        factor, zero = bound.scale, bound.offset
+    else:
+        factor, zero = _unit_of(name, signal, f"{source}: {message.name}.{signal.name}"), 0.0
+    scale, offset = float(signal.scale) * factor, float(signal.offset) * factor + zero
+    low, high = _limits(signal, factor, zero)
     if name in quantity.COUNTER or name in quantity.TIME:
         low = high = 0.0
     return Binding(name, bus, message, signal, scale, offset, low, high, source)
+
+
+def carries_time(binding: Binding, bindings: Iterable[Binding]) -> bool:
+    """Is the binding's signal a device time? One that tells samples apart may be bound as their counter, too."""
+    times = (b for b in bindings if b.quantity in quantity.TIME)
+    return any((b.bus, b.can_id, b.signal.name) == (binding.bus, binding.can_id, binding.signal.name) for b in times)
 
 
 def required(robot: Robot) -> tuple[str, ...]:
@@ -205,9 +227,9 @@ def bind(robot: Robot, source: str) -> list[Binding]:
         buses = [BusDatabase(tuple((message, GENERATED_NAME) for message in generated.messages))]
     try:
         bindings = [
-            _bind(name, reference, buses)
+            _bind(name, bound, buses)
             for name, value in signals.items()
-            for reference in ([value] if isinstance(value, str) else value)
+            for bound in (value if isinstance(value, list) else [value])
         ]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
@@ -241,7 +263,7 @@ def _generated_message(can_id: int, name: str, signals: list[tuple[str, str]]) -
     return "\n".join(lines), [signal for signal, _ in signals]
 
 
-def generate(robot: Robot) -> tuple[str, dict[str, str | list[str]]]:
+def generate(robot: Robot) -> tuple[str, dict[str, Bound]]:
     """A DBC with wide CAN FD frames for a robot that names none, and the [signals] that go with it.
 
     IMU holds a sample counter, its time [us], acceleration, rate and attitude; POSITION the position, if it comes over
@@ -257,7 +279,7 @@ def generate(robot: Robot) -> tuple[str, dict[str, str | list[str]]]:
     }
     text = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: SENSOR", ""]
     types, formats = [], []
-    signals: dict[str, str | list[str]] = {}
+    signals: dict[str, Bound] = {}
     counters: dict[str, list[str]] = {}
     for i, (message, members) in enumerate((m, q) for m, q in by_message.items() if q):
         can_id = 0x100 + 0x10 * i

@@ -142,6 +142,7 @@ def pack(bindings: list[Binding], signals: Table, t_device: Array) -> list[Frame
 
     signals must have a column for every binding but counters and times; t_device [N] is the sensors' clock [s].
     """
+    bindings = [b for b in bindings if b.quantity not in quantity.COUNTER or not dbc.carries_time(b, bindings)]
     bits = {id(b): _bits_of(b, signals, t_device) for b in bindings}
     groups: dict[tuple[int, int], list[Binding]] = {}
     for binding in bindings:
@@ -199,7 +200,7 @@ def write_robot(folder: Path, robot: Robot, data: dict[str, Any], bitrate: float
             _copied_bus(folder, bus.files, number) | bus.model_dump(exclude={"dbc"})
             for number, bus in enumerate(robot.bus)
         ]
-        signals: dict[str, Any] = robot.signals
+        signals: dict[str, Any] = robot.model_dump(include={"signals"})["signals"]
     else:
         text, signals = dbc.generate(robot)
         (folder / dbc.GENERATED_NAME).write_text(text, encoding="cp1252")

@@ -27,7 +27,11 @@ gravity                              9.81                 m/s2, along -z of W
 [signals] QUANTITY = "MESSAGE.sig"   as generated         acc_x..z gyro_x..z q_w..z roll pitch yaw pos_x..z f_1..f_m,
                                                           {imu,force,pos}_counter, {imu,force,pos}_time;
                                                           "bus1:MESSAGE.sig" where a message is on several buses;
-                                                          a list of signals for counters
+                                                          a list of signals for counters, device time being one
+                                                          if its frame is the first of the sample;
+                                                          { signal = "MESSAGE.sig", scale = 0.16, offset = 0 } for a
+                                                          signal in counts, mV/V, the wrong sense or tick:
+                                                          SI = value in the DBC's unit * scale + offset
 [position] source                    "tracker"            "tracker", "fixed", "can"
 [position] fixed                                          m, W, of the tracked point, for source "fixed"
 [attitude] source                    "quaternion"         "quaternion", "rpy"
@@ -68,10 +72,19 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    model_validator,
+)
 
 from inertiad import quantity
 from inertiad.error import InputError
@@ -184,6 +197,31 @@ class Bus(Strict):
         return [Path(name) for name in ([self.dbc] if isinstance(self.dbc, str) else self.dbc)]
 
 
+def _not_zero(value: float) -> float:
+    if not 1e-12 <= abs(value) <= 1e12:
+        raise ValueError("1e-12 to 1e12 in magnitude")
+    return value
+
+
+class Scaled(Strict):
+    """A DBC signal whose unit is not the quantity's: SI = value in the DBC's unit * scale + offset."""
+
+    signal: str
+    scale: Annotated[float, AfterValidator(_not_zero)] = 1.0
+    offset: Annotated[float, AfterValidator(Range(-1e9, 1e9))] = 0.0
+
+
+def _form(value: Any) -> str:
+    return "table" if isinstance(value, dict | Scaled) else "list" if isinstance(value, list) else "text"
+
+
+Bound = Annotated[
+    Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")] | Annotated[Scaled, Tag("table")],
+    Discriminator(_form),
+]
+"""What [signals] binds a quantity to."""
+
+
 class Position(Strict):
     source: Literal["tracker", "fixed", "can"] = "tracker"
     fixed: Far3 | None = None
@@ -286,7 +324,7 @@ class Robot(Strict):
     tracker: Tracker = Tracker()
     nominal: Nominal | None = None
     bus: Annotated[list[Bus], Field(max_length=8)] = []
-    signals: dict[str, str | list[str]] = {}
+    signals: dict[str, Bound] = {}
     position: Position = Position()
     attitude: Attitude = Attitude()
     align: Align = Align()
@@ -348,7 +386,7 @@ def _key(loc: tuple[int | str, ...]) -> str:
     for part in loc:
         if isinstance(part, int):
             text += f"[{part + 1}]"
-        elif not part.startswith(("list[", "function-", "str", "float")):
+        elif not part.startswith(("list[", "function-", "str", "float")) and part not in ("text", "list", "table"):
             text += f".{part}" if text else part
     return text
 
@@ -385,18 +423,22 @@ def _allowed(error: dict[str, Any]) -> str:
     return _TYPE_NAMES.get(kind, error["msg"])
 
 
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The table an annotation speaks of, however deep inside lists, dicts and unions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for inner in get_args(annotation) if (found := _model_in(inner))), None)
+
+
 def _fields_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
     """Names of the keys allowed in the table at loc."""
-    current: Any = model
+    current: type[BaseModel] | None = model
     for part in loc:
-        if isinstance(part, str) and isinstance(current, type) and issubclass(current, BaseModel):
-            if part not in current.model_fields:
-                break
-            current = current.model_fields[part].annotation
-            for inner in getattr(current, "__args__", ()):
-                if isinstance(inner, type) and issubclass(inner, BaseModel):
-                    current = inner
-    return list(current.model_fields) if isinstance(current, type) and issubclass(current, BaseModel) else []
+        if current is None or (isinstance(part, str) and part not in current.model_fields):
+            break
+        if isinstance(part, str):
+            current = _model_in(current.model_fields[part].annotation)
+    return list(current.model_fields) if current is not None else []
 
 
 def _message(model: type[BaseModel], error: dict[str, Any]) -> str:

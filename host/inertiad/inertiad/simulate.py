@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 import inertiad_core
 from inertiad import compile, dbc, encode, quantity, sensors, tracker_csv
+from inertiad.dbc import Binding
 from inertiad.encode import Frames
 from inertiad.error import InputError
 from inertiad.estimate import read_json
@@ -35,6 +36,8 @@ START = 1.0
 SAMPLES_MAX = 20_000_000
 
 Progress = Callable[[str], None]
+Pack = Callable[[list[Binding], Table, Array], list[Frames]]
+"""Who makes frames of signals, as encode.pack() does."""
 
 
 @dataclass(frozen=True)
@@ -307,7 +310,7 @@ def _sample_times(run: Run) -> Array:
     return np.arange(n) / run.rate
 
 
-def simulate(run: Run, folder: Path, progress: Progress) -> int:
+def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pack) -> int:
     """Simulate a run into a folder: robot.toml, DBC, can.log, tracker.csv, truth.json. Returns the number of frames.
 
     Same run, same files, byte for byte. InputError: no possible tensions, a value that does not fit its CAN signal, an
@@ -324,7 +327,7 @@ def simulate(run: Run, folder: Path, progress: Progress) -> int:
     progress("move the platform")
     signals = measure_signals(robot, mechanics, run.trajectory, t, level, run.rate, dice)
     progress("pack frames")
-    frames = encode.pack(bindings, signals, (1.0 + drawn.clock_drift) * t)
+    frames = pack(bindings, signals, (1.0 + drawn.clock_drift) * t)
     encode.open_run(folder)
     progress("write files")
     description = {"std": data_sheet(level)} | read_data(run.robot_file)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_core
-from inertiad import canlog, compile, dbc, encode, estimate, published
+from inertiad import canlog, compile, dbc, encode, estimate, published, quantity
 from inertiad import robot as description
 from inertiad.canlog import CanLog
 from inertiad.dbc import Binding
@@ -267,7 +267,7 @@ def _check_decoder(case: Case, values: dict[str, Array]) -> Check:
 def _check_sample_counters(case: Case) -> Iterator[Check]:
     """Counters the sensors put into their messages step by one."""
     for binding in case.bindings:
-        if not binding.quantity.endswith("_counter"):
+        if binding.quantity not in quantity.COUNTER or dbc.carries_time(binding, case.bindings):
             continue
         _, value = decode(binding, case.raw)
         step = np.mod(np.diff(value), 2.0**binding.signal.length)
