@@ -301,6 +301,29 @@ static void test_decode_frame_same_id_on_other_buses_is_another_message(void)
     }
 }
 
+static void test_decode_frame_of_a_full_table_is_looked_up_with_its_bus(void)
+{
+    enum { BUSES = 7 };
+    const uint8_t data[8] = {9};
+    while (config.n_signals < IPE_SIGNALS_MAX) {  // given: every message there is room for, few IDs on most buses
+        const int i = config.n_signals;
+        add_signal(i % IPE_Q_COUNT, (uint32_t)(i / BUSES), 0, 8)->bus = i % BUSES;
+    }
+    ipe_decode_init(&decode, &config);
+    for (int i = 0; i < IPE_SIGNALS_MAX / BUSES * (BUSES + 1); ++i) {
+        ipe_frame_t f = frame_of((uint32_t)(i / (BUSES + 1)), data, 8);
+        f.bus = (uint8_t)(i % (BUSES + 1));
+        const ipe_status_t status = ipe_decode_frame(&decode, &f, &sample);  // when
+        if (f.bus == BUSES) {                                                // then
+            TEST_ASSERT_EQUAL_INT(IPE_IGNORED, status);
+        } else {
+            TEST_ASSERT_EQUAL_INT(IPE_OK, status);
+            TEST_ASSERT_EQUAL_INT(1, sample.n);
+            TEST_ASSERT_EQUAL_INT(((int)f.can_id * BUSES + f.bus) % IPE_Q_COUNT, sample.item[0].quantity);
+        }
+    }
+}
+
 static void test_decode_frame_interleaved_signals_of_two_messages_stay_apart(void)
 {
     for (int i = 0; i < 6; ++i) { add_signal(i, i % 2 ? 0x101 : 0x100, 8 * (i / 2), 8); }  // given
@@ -368,6 +391,7 @@ int main(void)
     RUN_TEST(test_decode_frame_multiplexer_selects_its_signals);
     RUN_TEST(test_decode_frame_many_messages_each_find_their_own_signal);
     RUN_TEST(test_decode_frame_same_id_on_other_buses_is_another_message);
+    RUN_TEST(test_decode_frame_of_a_full_table_is_looked_up_with_its_bus);
     RUN_TEST(test_decode_frame_interleaved_signals_of_two_messages_stay_apart);
     RUN_TEST(test_decode_frame_knows_its_time_on_the_wire);
     RUN_TEST(test_decode_frame_counters_add_up);
