@@ -412,6 +412,15 @@ NB_MODULE(inertiad_core, m)
         },
         "theta"_a, "d(mass, cog, inertia_cog)/d(theta) [10,10]. body.h");
     m.def("pseudo_inertia", &inertiad::pseudo_inertia, "theta"_a, "[4,4]. consistency.h");
+    m.def(
+        "nearest_body",
+        [](const inertiad::Theta& theta, const inertiad::Covariance& P) {
+            double distance = 0.0;
+            const inertiad::Theta q = inertiad::nearest_body(theta, P, distance);
+            return nb::make_tuple(q, distance);
+        },
+        "theta"_a, "P"_a,
+        "(q [10], Mahalanobis distance squared): the nearest that a body can have. ValueError: none found. consistency.h");
     m.def("is_consistent", &inertiad::is_consistent, "theta"_a,
           "Can a body with these parameters exist? consistency.h");
     m.def("averages", &averages, "config"_a, "t_ns"_a, "s"_a, "w"_a, "y"_a,

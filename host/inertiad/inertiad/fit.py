@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 import inertiad_core
-from inertiad import paper, runs
+from inertiad import consistency, paper, runs
 from inertiad.compile import prior, theta_of
 from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS, Body, read_truth
@@ -103,18 +103,28 @@ def _rms(result: dict[str, Any]) -> tuple[int, Array]:
     return int(n.sum()), np.sqrt(n @ square / max(n.sum(), 1.0))
 
 
+def _possible(method: str, theta: Array, P: Array) -> tuple[Body, Array, float]:
+    """The nearest body that can exist, its theta [10], and the distance squared to it. InputError: there is none."""
+    try:
+        theta, distance = consistency.nearest(theta, P)
+        return _body(inertiad_core.body(theta, P)), theta, distance
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"--method {method}: {error}") from None
+
+
 def of_batch(method: str, result: dict[str, Any], group: int = 0) -> Estimate:
     """One body of inertiad_core.batch's result."""
-    body = result["body"][group]
+    solved = result["body"][group]
+    body, theta, distance = _possible(method, np.array(solved["theta"]), np.array(solved["covariance"]))
     n_windows, rms = _rms(result)
     has_xi = len(result["free"]) > 0
     return Estimate(
         method,
-        _body(body),
-        bool(body["consistent"]),
-        tuple(body["observable"]),
-        np.array(body["theta_possible"]),
-        float(body["distance"]),
+        body,
+        bool(solved["consistent"]),
+        tuple(solved["observable"]),
+        theta,
+        distance,
         np.array(result["xi"]) if has_xi else None,
         np.array(result["xi_std"]) if has_xi else None,
         n_windows,
@@ -141,16 +151,13 @@ def _weights(config: Any, recordings: list[Recording]) -> list[Array]:
 
 
 def _published(method: str, robot: Robot, theta: Array, P: Array, **other: Any) -> Estimate:
-    """An estimate from theta [10] about P and its covariance, projected onto nothing."""
-    try:
-        body = inertiad_core.body(theta, P)
-    except ValueError as error:
-        raise InputError(f"--method {method}: {error}") from None
+    """An estimate from theta [10] about P and its covariance."""
+    consistent = bool(inertiad_core.is_consistent(theta))
+    found, theta, distance = _possible(method, theta, P)
     mean, cov = prior(robot)
     before = _body(inertiad_core.body(mean, cov)).std
-    found = _body(body)
     observable = tuple(2.0 * now <= then for now, then in zip(found.std, before, strict=True))
-    return Estimate(method, found, bool(inertiad_core.is_consistent(theta)), observable, theta, **other)
+    return Estimate(method, found, consistent, observable, theta, distance, **other)
 
 
 def iv(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate:

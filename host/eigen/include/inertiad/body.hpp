@@ -48,6 +48,17 @@ inline PseudoInertia pseudo_inertia(const Theta& theta) noexcept
     return Pi;
 }
 
+/// Nearest parameters in the metric of P that a body can have, and the Mahalanobis distance squared to them. Throws
+/// std::domain_error where the core finds none.
+inline Theta nearest_body(const Theta& theta, const Covariance& P, double& distance)
+{
+    Theta q;
+    if (!ipe_consistency_project(theta.data(), as_array(P), q.data(), &distance)) {
+        throw std::domain_error("no body that can exist is near");
+    }
+    return q;
+}
+
 /// Can a body with these parameters exist?
 inline bool is_consistent(const Theta& theta) noexcept
 {
