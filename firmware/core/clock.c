@@ -5,16 +5,24 @@
 #include <math.h>
 #include <string.h>
 
-#define WINDOW_S 60.0        // hull looks back this far
+#define WINDOW_S 60.0          // hull looks back this far
 #define FIRST_BLOCK_S (1.0 / 64.0)
-#define MIN_RATE_SPAN_S 5.0  // below this the rate is taken as 1
-#define STEP_EARLY_S 0.02    // a stamp this much before the line, or
-#define STEP_LATE_S 2.0      // this much after it: a clock was stepped
+#define SETTLED_S 1.0          // before, the line may still lie late because the first stamps were
+#define RATE_TOLERANCE 300e-6  // while the rate is taken as 1
+// A clock was stepped if
+#define STEP_EARLY_S 0.02     // a stamp is this much before the line,
+#define STEP_LATE_S 2.0       // or this much after it;
+#define STEP_BACK_S 0.5       // device time goes back by this much at once,
+#define STEP_BACK_IN_A_ROW 4  // or this many samples are older than the newest: more than reordering explains;
+#define STEP_SMALLEST_S 1e-3  // or stamps are off the line by this and three times their scatter,
+#define STEP_IN_A_ROW 16      // this many in a row,
+#define STEP_LATE_FOR_S 2.0   // those after the line for this long: a busy host is late as well, but not always
 
-void ipe_clock_init(ipe_clock_t* c, double wrap)
+void ipe_clock_init(ipe_clock_t* c, double wrap, double min_rate_span)
 {
     memset(c, 0, sizeof *c);
     c->wrap = wrap;
+    c->min_rate_span = min_rate_span;
 }
 
 static void start(ipe_clock_t* c, double device, int64_t host_ns)
@@ -23,6 +31,9 @@ static void start(ipe_clock_t* c, double device, int64_t host_ns)
     c->last_raw = device;
     c->unwrapped = 0.0;
     c->device_0 = device;
+    c->newest = 0.0;
+    c->n_back = 0;
+    c->n_off = 0;
     c->host_0_ns = host_ns;
     c->n_points = 0;
     c->block = FIRST_BLOCK_S;
@@ -31,9 +42,12 @@ static void start(ipe_clock_t* c, double device, int64_t host_ns)
     c->rate = 1.0;
 }
 
+/// A late sample from before a wrap belongs to before it.
 static double unwrap(ipe_clock_t* c, double device)
 {
-    if (c->wrap > 0.0 && device < c->last_raw - 0.5 * c->wrap) { c->unwrapped += c->wrap; }
+    if (c->wrap > 0.0) {
+        c->unwrapped += c->wrap * ((device < c->last_raw - 0.5 * c->wrap) - (device > c->last_raw + 0.5 * c->wrap));
+    }
     c->last_raw = device;
     return device + c->unwrapped - c->device_0;
 }
@@ -93,18 +107,28 @@ static void fit_offset(ipe_clock_t* c)
     for (int i = 1; i < c->n_points; ++i) { c->offset = fmin(c->offset, c->point[i].host - c->point[i].device); }
 }
 
+/// How far stamps scatter after the line: the mean of the blocks' earliest.
+static double scatter(const ipe_clock_t* c)
+{
+    double sum = 0.0;
+    for (int i = 0; i < c->n_points; ++i) { sum += fabs(c->point[i].host - c->offset - c->rate * c->point[i].device); }
+    return sum / c->n_points;
+}
+
 static void fit(ipe_clock_t* c)
 {
-    if (c->point[c->n_points - 1].device - c->point[0].device < MIN_RATE_SPAN_S) {
+    if (c->n_points < 2 || c->point[c->n_points - 1].device - c->point[0].device < c->min_rate_span) {
         fit_offset(c);
     } else {
         fit_line(c);
     }
+    c->scatter = scatter(c);
 }
 
 static void learn(ipe_clock_t* c, double device, double host)
 {
     assert(c->n_points >= 0 && c->n_points <= IPE_CLOCK_POINTS);
+    if (c->n_points > 0 && device < c->point[c->n_points - 1].device) { return; }  // reordered: its block may be over
     if (c->n_points == 0 || device >= c->block_end) {
         if (c->n_points > 0) { fit(c); }
         make_room(c);
@@ -116,10 +140,51 @@ static void learn(ipe_clock_t* c, double device, double host)
         return;
     }
     const int newest = c->n_points - 1;
-    if (host - device < c->point[newest].host - c->point[newest].device) {
-        c->point[newest].device = device;
-        c->point[newest].host = host;
+    if (host - device >= c->point[newest].host - c->point[newest].device) { return; }
+    c->point[newest].device = device;
+    c->point[newest].host = host;
+    if (device < SETTLED_S) { fit(c); }
+}
+
+/// Has device time gone back? One late sample is reordering, not a step.
+static bool went_back(ipe_clock_t* c, double x)
+{
+    c->n_back = x < c->newest ? c->n_back + 1 : 0;
+    const bool is_step = x < c->newest - STEP_BACK_S || c->n_back >= STEP_BACK_IN_A_ROW;
+    c->newest = fmax(c->newest, x);
+    return is_step;
+}
+
+/// How far off the line a stamp may be before that means anything.
+static double tolerance(const ipe_clock_t* c, double x)
+{
+    const double since = x - c->point[0].device;
+    const double drift = c->newest - c->point[0].device < c->min_rate_span ? RATE_TOLERANCE * since : 0.0;
+    return STEP_SMALLEST_S + drift + 3.0 * c->scatter;
+}
+
+/// Have stamps left the line to one side for good? Until that is known those before the line are not learnt from, but for
+/// the earliest of a few: a host that is seldom prompt.
+static bool left_line(ipe_clock_t* c, double x, double y)
+{
+    const double late = y - (c->offset + c->rate * x);
+    const bool is_early = x > SETTLED_S && late<-tolerance(c, x), is_late = late> tolerance(c, x);
+    const int side = is_early ? -1 : is_late ? 1 : 0;
+    if (side != c->off_side) {
+        if (c->off_side < 0 && c->n_off < STEP_IN_A_ROW) { learn(c, c->early.device, c->early.host); }
+        c->off_side = side;
+        c->n_off = 0;
+        c->off_since = x;
     }
+    if (c->n_off++ == 0 || y - x < c->early.host - c->early.device) { c->early.device = x, c->early.host = y; }
+    return side != 0 && c->n_off >= STEP_IN_A_ROW && (is_early || x - c->off_since > STEP_LATE_FOR_S);
+}
+
+static bool is_stepped(ipe_clock_t* c, double x, double y)
+{
+    if (c->n_points == 0) { return false; }
+    const double late = y - (c->offset + c->rate * x);
+    return went_back(c, x) || late < -STEP_EARLY_S || late > STEP_LATE_S || left_line(c, x, y);
 }
 
 int64_t ipe_clock_map(ipe_clock_t* c, double device, int64_t host_ns)
@@ -127,12 +192,17 @@ int64_t ipe_clock_map(ipe_clock_t* c, double device, int64_t host_ns)
     if (!c->is_started) { start(c, device, host_ns); }
     double x = unwrap(c, device);
     double y = 1e-9 * (double)(host_ns - c->host_0_ns);
-    const double late = y - (c->offset + c->rate * x);
-    if (c->n_points > 0 && (late < -STEP_EARLY_S || late > STEP_LATE_S)) {
+    if (is_stepped(c, x, y)) {
         ++c->n_steps;
         start(c, device, host_ns);
         x = 0.0, y = 0.0;
     }
-    learn(c, x, y);
+    if (c->off_side >= 0) { learn(c, x, y); }
+    return c->host_0_ns + (int64_t)llround(1e9 * (c->offset + c->rate * x));
+}
+
+int64_t ipe_clock_at(const ipe_clock_t* c, double device)
+{
+    const double x = device + c->unwrapped - c->device_0;
     return c->host_0_ns + (int64_t)llround(1e9 * (c->offset + c->rate * x));
 }

@@ -3,7 +3,8 @@
 ///
 /// Host stamps are late by a varying, never negative delay, so the points (device, host) lie on or above the true line.
 /// The line is the edge of their lower convex hull that spans the middle of the last minute; unlike least squares it is
-/// not biased by the mean delay. Device counters that wrap are unwrapped; a stepped device clock restarts the fit.
+/// not biased by the mean delay. Device counters that wrap are unwrapped. A stepped clock restarts the fit: steps ahead and
+/// back over 20 ms at once or within 4 samples, small ones (1 ms and three times the scatter) within 16 samples or 2 s.
 /// Points are thinned to the earliest arrival per block, blocks growing from 1/64 s to 1 s: 1.6 KB per clock, 2 us once
 /// per block, a few ns otherwise. One thread.
 /// Source: Zhang, Liu, Xia, "Clock synchronization algorithms for network measurements", INFOCOM 2002.
@@ -13,10 +14,12 @@
 #include "types.h"
 
 enum { IPE_CLOCK_POINTS = 64 };
+#define IPE_CLOCK_RATE_SPAN 5.0  // s, min_rate_span of a clock that runs true to some 100 ppm
 
 typedef struct {
     double wrap;                ///< s after which device time starts again at 0; 0: never
     bool is_started;
+    double min_rate_span;       ///< s of device time from which on the rate is measured; below it is taken as 1
     double last_raw;            ///< s, device time as last given
     double unwrapped;           ///< s added by wraps so far
     double device_0;            ///< s, origin of device in point
@@ -28,14 +31,26 @@ typedef struct {
     double block;               ///< s of device time per block
     double block_end;           ///< device time at which the newest block ends
     double offset, rate;        ///< host = offset + rate * device
+    double scatter;             ///< s, mean of point after the line
+    double newest;              ///< device time
+    int n_back;                 ///< samples in a row older than the newest
+    int off_side;               ///< stamps are off the line: -1 before it, 1 after it, 0 they are not;
+    int n_off;                  ///< so many in a row,
+    double off_since;           ///< since this device time,
+    struct {
+        double device, host;
+    } early;           ///< the earliest of them
 
-    uint64_t n_steps;           ///< restarts because device or host clock was stepped
+    uint64_t n_steps;  ///< restarts because device or host clock was stepped
 } ipe_clock_t;
 
-/// Start with nothing known. wrap [s] as in the struct.
-void ipe_clock_init(ipe_clock_t* c, double wrap);
+/// Start with nothing known. wrap, min_rate_span [s] as in the struct.
+void ipe_clock_init(ipe_clock_t* c, double wrap, double min_rate_span);
 
 /// Learn from one pair and map it: device [s], host stamp [ns] -> host time of the device's instant [ns].
 int64_t ipe_clock_map(ipe_clock_t* c, double device, int64_t host_ns);
+
+/// Host time [ns] of a device time near the last one mapped, nothing learnt.
+int64_t ipe_clock_at(const ipe_clock_t* c, double device);
 
 #endif

@@ -97,7 +97,7 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
     ipe_decode_init(&p->decode, &p->config);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         ipe_group_init(&p->group[s], (ipe_sensor_t)s, &p->config);
-        ipe_clock_init(&p->clock[s], device_time_wrap(&p->config, (ipe_sensor_t)s));
+        ipe_clock_init(&p->clock[s], device_time_wrap(&p->config, (ipe_sensor_t)s), IPE_CLOCK_RATE_SPAN);
     }
     ipe_align_init(&p->align, &p->config);
     ipe_wrench_init(&p->wrench, &p->config);

@@ -46,7 +46,7 @@ static double largest_error(double drift, double start, double wrap, double seco
 
 static void test_map_jittered_stamps_recovers_instants(void)
 {
-    ipe_clock_init(&clock_, 0.0);                                     // given
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);                // given
 
     const double error = largest_error(0.0, 100.0, 0.0, 120.0, 1.0);  // when
 
@@ -56,7 +56,7 @@ static void test_map_jittered_stamps_recovers_instants(void)
 
 static void check_drift(double drift)
 {
-    ipe_clock_init(&clock_, 0.0);                                        // given
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);                   // given
 
     const double error = largest_error(drift, 100.0, 0.0, 180.0, 20.0);  // when
 
@@ -78,7 +78,7 @@ static void test_map_slow_device_clock_recovers_rate(void)
 static void test_map_slow_device_finds_its_few_prompt_stamps(void)
 {
     double largest = 0.0;  // given: 5 Hz, so few of each second's stamps are prompt; 100 ppm
-    ipe_clock_init(&clock_, 0.0);
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);
     for (int k = 0; k < 5 * 300; ++k) {
         const double t = 0.2 * k;
         const int64_t mapped = ipe_clock_map(&clock_, t * (1.0 + 100e-6), host_at(t + jitter()));  // when
@@ -89,7 +89,7 @@ static void test_map_slow_device_finds_its_few_prompt_stamps(void)
 
 static void test_map_short_record_stays_below_drift_and_jitter(void)
 {
-    ipe_clock_init(&clock_, 0.0);                                      // given: first second, 200 ppm
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);                 // given: first second, 200 ppm
 
     const double error = largest_error(200e-6, 100.0, 0.0, 1.0, 0.1);  // when
 
@@ -98,7 +98,7 @@ static void test_map_short_record_stays_below_drift_and_jitter(void)
 
 static void test_map_is_not_biased_by_mean_delay(void)
 {
-    ipe_clock_init(&clock_, 0.0);  // given
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given
     (void)largest_error(0.0, 0.0, 0.0, 60.0, 60.0);
     double sum = 0.0;
     for (int k = 0; k < 10000; ++k) {  // when
@@ -110,7 +110,7 @@ static void test_map_is_not_biased_by_mean_delay(void)
 
 static void test_map_wrapping_u32_microseconds_continues(void)
 {
-    ipe_clock_init(&clock_, 0x1p32 * 1e-6);  // given: 10 s before its wrap at 4294.967296 s
+    ipe_clock_init(&clock_, 0x1p32 * 1e-6, IPE_CLOCK_RATE_SPAN);  // given: 10 s before its wrap at 4294.967296 s
 
     const double error = largest_error(50e-6, 0x1p32 * 1e-6 - 10.0, 0x1p32 * 1e-6, 40.0, 6.0);  // when
 
@@ -122,16 +122,16 @@ static void test_map_wrapping_u32_microseconds_continues(void)
 static void test_map_many_wraps_of_a_short_counter_continue(void)
 {
     const double wrap = 65536.0 * 1e-4;                               // given: u16 of 100 us
-    ipe_clock_init(&clock_, wrap);
+    ipe_clock_init(&clock_, wrap, IPE_CLOCK_RATE_SPAN);
     ASSERT_BELOW(60e-6, largest_error(0.0, 0.0, wrap, 100.0, 20.0));  // when, then
     TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
 }
 
 static void check_step(double device_step, double host_step)
 {
-    ipe_clock_init(&clock_, 0.0);     // given: 30 s of learning
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given: 30 s of learning
     (void)largest_error(0.0, 1000.0, 0.0, 30.0, 30.0);
-    for (int k = 0; k < 5000; ++k) {  // when: device or host clock stepped
+    for (int k = 0; k < 5000; ++k) {                    // when: device or host clock stepped
         const double t = 30.0 + 1e-3 * k;
         const double host = t + host_step + jitter();
         const int64_t mapped = ipe_clock_map(&clock_, 1000.0 + t + device_step, host_at(host));
@@ -161,9 +161,83 @@ static void test_map_host_stepped_back_restarts_fit(void)
     check_step(0.0, -0.5);
 }
 
+/// A step of the device clock that no single stamp gives away; rows of the first 2 s after it may be off by the step.
+static void check_small_step(double at, double device_step, double noticed_within)
+{
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given
+    (void)largest_error(0.0, 1000.0, 0.0, at, at);
+    for (int k = 0; k < 20000; ++k) {                   // when
+        const double t = at + 1e-3 * k;
+        const int64_t mapped = ipe_clock_map(&clock_, 1000.0 + t + device_step, host_at(t + jitter()));
+        const double error = fabs(1e-9 * (double)(mapped - host_at(t)));
+        ASSERT_BELOW(1e-3 * k < noticed_within ? fabs(device_step) + 2e-3 : 300e-6, error);  // then
+    }
+    TEST_ASSERT_EQUAL_UINT64(1, clock_.n_steps);
+}
+
+static void test_map_device_stepped_ahead_by_5_ms_is_noticed(void)
+{
+    check_small_step(30.0, 5e-3, 0.02);
+}
+
+static void test_map_device_stepped_back_by_5_ms_is_noticed(void)
+{
+    check_small_step(30.0, -5e-3, 0.02);
+}
+
+static void test_map_device_stepped_back_by_3_ms_is_noticed_by_its_lateness(void)
+{
+    check_small_step(30.0, -3e-3, 2.1);
+}
+
+static void test_map_device_restarted_in_first_second_is_noticed(void)
+{
+    check_small_step(0.4, -0.39, 0.02);
+    check_small_step(1.5, -1.4, 0.02);
+}
+
+static void test_map_device_stepped_ahead_in_third_second_is_noticed(void)
+{
+    check_small_step(3.0, 10e-3, 0.02);
+}
+
+static void test_map_reordered_samples_are_no_step(void)
+{
+    ipe_clock_init(&clock_, 65536.0 * 1e-4, IPE_CLOCK_RATE_SPAN);  // given: u16 of 100 us, every tenth pair swapped
+    for (int k = 0; k < 20000; ++k) {
+        const int j = k % 10 == 4 ? k + 1 : k % 10 == 5 ? k - 1 : k;
+        const double device = fmod(1e-3 * j, 65536.0 * 1e-4);
+        const int64_t mapped = ipe_clock_map(&clock_, device, host_at(1e-3 * k + jitter()));              // when
+        if (k > 1000) { TEST_ASSERT_DOUBLE_WITHIN(1.2e-3, 1e-3 * j, 1e-9 * (double)(mapped - HOST_0)); }  // then
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
+}
+
+static void test_map_host_that_stalls_is_no_step(void)
+{
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given: 1 s without a prompt stamp, every 10 s
+    for (int k = 0; k < 100000; ++k) {
+        const double t = 1e-3 * k, stalled = fmod(t, 10.0) > 9.0 ? 10.0 - fmod(t, 10.0) : 0.0;
+        const int64_t mapped = ipe_clock_map(&clock_, t, host_at(t + stalled + jitter()));        // when
+        if (t > 1.0) { TEST_ASSERT_DOUBLE_WITHIN(100e-6, t, 1e-9 * (double)(mapped - HOST_0)); }  // then
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
+}
+
+static void test_map_first_stamps_late_are_no_step(void)
+{
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given: the first 50 stamps are 15 ms late
+    for (int k = 0; k < 5000; ++k) {
+        const double t = 1e-3 * k;
+        const int64_t mapped = ipe_clock_map(&clock_, t, host_at(t + (k < 50 ? 15e-3 : 0.0) + jitter()));  // when
+        if (k > 100) { TEST_ASSERT_DOUBLE_WITHIN(100e-6, t, 1e-9 * (double)(mapped - HOST_0)); }           // then
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
+}
+
 static void test_map_long_pause_keeps_the_line(void)
 {
-    ipe_clock_init(&clock_, 0.0);  // given: a minute at 100 ppm, then silence
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given: a minute at 100 ppm, then silence
     (void)largest_error(100e-6, 0.0, 0.0, 60.0, 60.0);
 
     const int64_t mapped = ipe_clock_map(&clock_, 90.0 * (1.0 + 100e-6), host_at(90.0002));  // when: 30 s later
@@ -174,7 +248,7 @@ static void test_map_long_pause_keeps_the_line(void)
 
 static void test_map_same_device_time_twice_gives_the_same_instant(void)
 {
-    ipe_clock_init(&clock_, 0.0);                                          // given
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);                     // given
     (void)largest_error(0.0, 0.0, 0.0, 10.0, 10.0);
     const int64_t first = ipe_clock_map(&clock_, 10.0, host_at(10.0001));  // when
     const int64_t second = ipe_clock_map(&clock_, 10.0, host_at(10.0002));
@@ -196,6 +270,14 @@ int main(void)
     RUN_TEST(test_map_device_stepped_ahead_restarts_fit);
     RUN_TEST(test_map_host_stepped_ahead_restarts_fit);
     RUN_TEST(test_map_host_stepped_back_restarts_fit);
+    RUN_TEST(test_map_device_stepped_ahead_by_5_ms_is_noticed);
+    RUN_TEST(test_map_device_stepped_back_by_5_ms_is_noticed);
+    RUN_TEST(test_map_device_stepped_back_by_3_ms_is_noticed_by_its_lateness);
+    RUN_TEST(test_map_device_restarted_in_first_second_is_noticed);
+    RUN_TEST(test_map_device_stepped_ahead_in_third_second_is_noticed);
+    RUN_TEST(test_map_reordered_samples_are_no_step);
+    RUN_TEST(test_map_host_that_stalls_is_no_step);
+    RUN_TEST(test_map_first_stamps_late_are_no_step);
     RUN_TEST(test_map_long_pause_keeps_the_line);
     RUN_TEST(test_map_same_device_time_twice_gives_the_same_instant);
     return UNITY_END();
