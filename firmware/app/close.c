@@ -10,7 +10,7 @@ static int write_estimate(daemon_t* d)
 {
     char reason[REASON_SIZE];
     health_count_input(d);
-    const ipe_run_t result = {.pipeline = &d->pipeline,
+    const ipe_run_t result = {.pipeline = d->pipeline,
                               .counters = &d->counters,
                               .n_frames = health_frames(d),
                               .n_rejected = health_rejected_rows(d),
@@ -33,17 +33,18 @@ static bool close_record(daemon_t* d)
 bool daemon_close(daemon_t* d)
 {
     bool is_good = true;
-    ipe_pipeline_flush(&d->pipeline);
+    ipe_pipeline_flush(d->pipeline);
     flow_step(d);
     for (unsigned i = 0; i < d->n_interfaces; ++i) { ipe_source_socketcan_close(&d->interface[i]); }
     ipe_replay_close(&d->replay);
     if (d->option.estimate != NULL && write_estimate(d) != 0) { is_good = false; }
-    if (d->option.checkpoint != NULL && ipe_checkpoint_close(&d->checkpoint, &d->pipeline) != 0) { is_good = false; }
-    ipe_publish_last(&d->publisher, &d->pipeline.estimate);
+    if (d->option.checkpoint != NULL && ipe_checkpoint_close(&d->checkpoint, d->pipeline) != 0) { is_good = false; }
+    ipe_publish_last(&d->publisher, &d->pipeline->estimate);
     health_send(d, flow_now(d));
     if (!close_record(d)) { is_good = false; }
     health_count(d);
     ipe_publish_close(&d->publisher);
+    ipe_inbox_close(&d->inbox);
     ipe_counters_print(&d->counters);
     return is_good;
 }

@@ -3,6 +3,7 @@
 ///
 ///   options -> open -> loop:  flow     frames and positions -> pipeline -> LCM and record
 ///                             monitor  once a second: interfaces, record, checkpoint
+///                             control  commands
 ///                             health   counters
 ///           -> close
 #ifndef IPE_DAEMON_H
@@ -11,15 +12,24 @@
 #include "checkpoint.h"
 #include "config_file.h"
 #include "counters.h"
+#include "inbox.h"
 #include "options.h"
 #include "pipeline.h"
 #include "publish.h"
 #include "record.h"
 #include "replay.h"
+#include "rest.h"
 #include "source_socketcan.h"
 
 #define NS_PER_S INT64_C(1000000000)
 
+/// Counts of pipelines, or of what was reset in them, from before: what is told never decreases.
+typedef struct {
+    uint64_t counter[IPE_COUNTERS_MAX];
+    uint64_t n_rejected, n_incomplete;
+} health_carried_t;
+
+// NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): in the order of the data, once per process
 typedef struct {
     options_t option;
     ipe_config_t config;
@@ -29,7 +39,11 @@ typedef struct {
     ipe_replay_t replay;
     ipe_source_socketcan_t interface[IPE_BUSES_MAX];
     unsigned n_interfaces;  ///< 0: recorded input
-    ipe_pipeline_t pipeline;
+    ipe_inbox_t inbox;
+    ipe_pipeline_t pipelines[2];
+    ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
+    ipe_learnt_t learnt;       ///< on its way from one to the other
+    ipe_rest_t rest;
     ipe_publish_t publisher;
     bool is_recording;
     ipe_record_t recorder;
@@ -39,11 +53,13 @@ typedef struct {
     int epoll_fd, signal_fd, second_fd, pace_fd;
     bool is_done;
     bool is_replay_runnable;
-    int64_t data_ns;              ///< host time of the newest frame or position, 0: none yet
+    int64_t data_ns;        ///< host time of the newest frame or position, 0: none yet
     int64_t first_row_ns, last_row_ns;
-    int64_t health_due_ns;        ///< data time of the next HEALTH
-    bool was_health_sent;         ///< since the last tick
+    int64_t health_due_ns;  ///< data time of the next HEALTH
+    bool was_health_sent;   ///< since the last tick
 
+    health_carried_t carried;
+    uint64_t n_commands_done, n_commands_refused;
     int n_ticks;                  ///< since the last checkpoint
     uint64_t n_changes_reported;  ///< payload changes
     uint64_t n_lost_reported;     ///< messages that the record lacks
@@ -54,6 +70,9 @@ typedef struct {
 
 /// Open everything that the options name, in the order of the data. 0, or -1: said why.
 int daemon_open(daemon_t* d);
+
+/// True if what is open can serve this configuration: every signal's bus, the position. Otherwise why not, in text[size].
+bool daemon_can_use(const daemon_t* d, const ipe_config_t* config, char* text, size_t size);
 
 /// Let out what waits, tell the world a last time, write the result, print the summary. False: something that was asked
 /// for is not written, said why.

@@ -20,8 +20,8 @@ int64_t flow_now(const daemon_t* d)
 /// Tell that the payload changed, when it did.
 static void report_change(daemon_t* d, int64_t t_ns)
 {
-    if (d->pipeline.detect.n_changes == d->n_changes_reported) { return; }
-    d->n_changes_reported = d->pipeline.detect.n_changes;
+    if (d->pipeline->detect.n_changes == d->n_changes_reported) { return; }
+    d->n_changes_reported = d->pipeline->detect.n_changes;
     ipe_publish_event(&d->publisher, t_ns, "detect", "payload changed");
 }
 
@@ -30,16 +30,17 @@ static void take_row(daemon_t* d, const ipe_row_t* row)
     if (d->first_row_ns == 0) { d->first_row_ns = row->t_ns; }
     d->last_row_ns = row->t_ns;
     d->publisher.n_input_dropped = health_dropped(d);
+    ipe_rest_push(&d->rest, row);
     report_change(d, row->t_ns);
     ipe_publish_row(&d->publisher, row);
-    ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline.estimate);
+    ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate);
 }
 
 void flow_step(daemon_t* d)
 {
     ipe_row_t row;
     ipe_status_t status;
-    while ((status = ipe_pipeline_step(&d->pipeline, &row, NULL)) != IPE_NOT_READY) {
+    while ((status = ipe_pipeline_step(d->pipeline, &row, NULL)) != IPE_NOT_READY) {
         if (status >= IPE_OK) { take_row(d, &row); }
     }
 }
@@ -47,13 +48,13 @@ void flow_step(daemon_t* d)
 void flow_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     ipe_publish_frame(&d->publisher, frame);
-    (void)ipe_pipeline_push_frame(&d->pipeline, frame);  // what it refuses, it counts
+    (void)ipe_pipeline_push_frame(d->pipeline, frame);  // what it refuses, it counts
     flow_step(d);
     health_advance(d, frame->t_ns);
 }
 
 void flow_position(daemon_t* d, int64_t t_ns, const double position[3])
 {
-    (void)ipe_pipeline_push_position(&d->pipeline, t_ns, position);  // what it refuses, it counts
+    (void)ipe_pipeline_push_position(d->pipeline, t_ns, position);  // what it refuses, it counts
     flow_step(d);
 }

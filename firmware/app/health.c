@@ -30,8 +30,8 @@ void health_count_input(daemon_t* d)
          ++k) {
         ipe_counters_add(&d->counters, "tracker", cause, value);
     }
-    for (unsigned k = 0; (cause = ipe_pipeline_counter(&d->pipeline, k, &value)) != NULL; ++k) {
-        ipe_counters_add(&d->counters, NULL, cause, value);
+    for (unsigned k = 0; (cause = ipe_pipeline_counter(d->pipeline, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&d->counters, NULL, cause, d->carried.counter[k] + value);
     }
 }
 
@@ -43,6 +43,11 @@ void health_count(daemon_t* d)
     for (unsigned k = 0; (cause = ipe_publish_counter(&d->publisher, k, &value)) != NULL; ++k) {
         ipe_counters_add(&d->counters, "lcm", cause, value);
     }
+    for (unsigned k = 0; (cause = ipe_inbox_counter(&d->inbox, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&d->counters, "lcm", cause, value);
+    }
+    ipe_counters_add(&d->counters, "command", "done", d->n_commands_done);
+    ipe_counters_add(&d->counters, "command", "refused", d->n_commands_refused);
     for (unsigned k = 0; d->option.record != NULL && (cause = ipe_record_counter(&d->recorder, k, &value)) != NULL;
          ++k) {
         ipe_counters_add(&d->counters, "record", cause, value);
@@ -65,27 +70,54 @@ uint64_t health_frames(const daemon_t* d)
     return n;
 }
 
-uint64_t health_rejected_rows(const daemon_t* d)
+static uint64_t rejected_rows(const ipe_pipeline_t* p)
 {
-    const ipe_align_t* a = &d->pipeline.align;
-    uint64_t n = a->n_overrun + a->n_bad_quaternion + d->pipeline.wrench.n_geometry + d->pipeline.window.n_backwards;
+    const ipe_align_t* a = &p->align;
+    uint64_t n = a->n_overrun + a->n_bad_quaternion + p->wrench.n_geometry + p->window.n_backwards;
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
     return n + a->n_backwards[IPE_IMU] + a->n_nonfinite[IPE_IMU];
 }
 
+static uint64_t incomplete_samples(const ipe_pipeline_t* p)
+{
+    uint64_t n = 0;
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += p->group[s].n_incomplete; }
+    return n;
+}
+
+uint64_t health_rejected_rows(const daemon_t* d)
+{
+    return d->carried.n_rejected + rejected_rows(d->pipeline);
+}
+
 uint64_t health_dropped(const daemon_t* d)
 {
-    uint64_t n = health_rejected_rows(d);
+    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete + incomplete_samples(d->pipeline);
     for (unsigned i = 0; i < d->option.n_buses; ++i) {
         n += bus_counts(d, i)->n_dropped + bus_counts(d, i)->n_controller_overruns;
     }
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += d->pipeline.group[s].n_incomplete; }
     return n;
+}
+
+void health_carry(daemon_t* d, const ipe_pipeline_t* p)
+{
+    uint64_t value;
+    for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] += value; }
+    d->carried.n_rejected += rejected_rows(p);
+    d->carried.n_incomplete += incomplete_samples(p);
+}
+
+void health_carried(daemon_t* d, const ipe_pipeline_t* p)
+{
+    uint64_t value;
+    for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] -= value; }
+    d->carried.n_rejected -= rejected_rows(p);
+    d->carried.n_incomplete -= incomplete_samples(p);
 }
 
 static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
 {
-    const ipe_ring_t* ring = &d->pipeline.align.ring[sensor];
+    const ipe_ring_t* ring = &d->pipeline->align.ring[sensor];
     if (ring->head == 0) { return -1.0; }
     return (double)(now_ns - ring->t_ns[(ring->head - 1) % IPE_RING]) / (double)NS_PER_S;
 }

@@ -18,6 +18,11 @@ uint64_t health_rejected_rows(const daemon_t* d);
 /// Frames lost before they reached us, incomplete samples, and rows.
 uint64_t health_dropped(const daemon_t* d);
 
+/// Around a change that sets counters of the pipeline back: before it carry what p has counted, after it take off what the
+/// pipeline that goes on still counts itself.
+void health_carry(daemon_t* d, const ipe_pipeline_t* p);
+void health_carried(daemon_t* d, const ipe_pipeline_t* p);
+
 /// Send HEALTH.
 void health_send(daemon_t* d, int64_t now_ns);
 

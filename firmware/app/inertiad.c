@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The daemon: arguments -> configuration -> open -> loop -> close.
 ///
-/// One epoll set in one thread, beside it liblcm's receiving thread and the writers of record and checkpoint; no heap after
-/// start but in liblcm's thread.
+/// One epoll set in one thread, beside it the writers of record and checkpoint; no heap after start.
 /// Exit status: 0 end of input, SIGTERM or SIGINT; 1 estimate, checkpoint or the record of a replay not written;
 /// 2 could not start.
 #include "daemon.h"

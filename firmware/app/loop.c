@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "loop.h"
 
+#include "control.h"
 #include "flow.h"
 #include "monitor.h"
 
@@ -10,7 +11,7 @@
 #include <sys/timerfd.h>
 #include <unistd.h>
 
-enum { ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16 };
+enum { ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16, MESSAGES_PER_TURN = 64 };
 
 /// What woke the loop. Interfaces follow the last one: WAKE_BUS + index.
 enum { WAKE_SIGNAL, WAKE_SECOND, WAKE_PACE, WAKE_INPUT, WAKE_LCM, WAKE_BUS };
@@ -39,7 +40,7 @@ int loop_open(daemon_t* d)
     watch(d, d->signal_fd, WAKE_SIGNAL, EPOLLIN);
     watch(d, d->second_fd, WAKE_SECOND, EPOLLIN);
     watch(d, d->pace_fd, WAKE_PACE, EPOLLIN);
-    if (ipe_publish_fileno(&d->publisher) >= 0) { watch(d, ipe_publish_fileno(&d->publisher), WAKE_LCM, EPOLLIN); }
+    if (d->inbox.fd >= 0) { watch(d, d->inbox.fd, WAKE_LCM, EPOLLIN); }
     for (unsigned i = 0; i < d->n_interfaces; ++i) { loop_watch_interface(d, i); }
     d->is_replay_runnable = d->n_interfaces == 0;
     return 0;
@@ -95,6 +96,20 @@ static void read_interface(daemon_t* d, unsigned i)
     monitor_interface(d, i);
 }
 
+static void read_inbox(daemon_t* d)
+{
+    ipe_inbox_item_t item;
+    ipe_inbox_kind_t kind;
+    for (int i = 0; i < MESSAGES_PER_TURN && (kind = ipe_inbox_next(&d->inbox, &item)) != IPE_INBOX_EMPTY; ++i) {
+        if (kind == IPE_INBOX_COMMAND) {
+            control_take(d, &item);
+        } else {
+            ipe_publish_received(&d->publisher, IPE_PUBLISH_TRACKER, item.t_ns, item.data, item.n);
+            flow_position(d, item.t_ns, item.position);
+        }
+    }
+}
+
 static void acknowledge(int timer_fd)
 {
     uint64_t n_expirations;
@@ -117,7 +132,7 @@ static void handle(daemon_t* d, uint64_t wake)
         ipe_replay_fill(&d->replay);
         d->is_replay_runnable = true;
         break;
-    case WAKE_LCM: ipe_publish_receive(&d->publisher); break;
+    case WAKE_LCM: read_inbox(d); break;
     default: read_interface(d, (unsigned)(wake - WAKE_BUS)); break;
     }
 }

@@ -30,7 +30,7 @@ static void tick_interface(daemon_t* d, unsigned i)
 /// A wrong number in the state is a fault of this program or of the machine: say so, once.
 static void check_invariants(daemon_t* d)
 {
-    if (d->is_damage_reported || ipe_pipeline_invariants_hold(&d->pipeline)) { return; }
+    if (d->is_damage_reported || ipe_pipeline_invariants_hold(d->pipeline)) { return; }
     d->is_damage_reported = true;
     ipe_message("internal state is damaged; estimates are not to be trusted");
     ipe_publish_event(&d->publisher, flow_now(d), "pipeline", "internal state is damaged");
@@ -57,7 +57,7 @@ void monitor_tick(daemon_t* d)
     if (d->is_recording) { monitor_record(d); }
     if (d->option.checkpoint != NULL && ++d->n_ticks >= CHECKPOINT_TICKS) {
         d->n_ticks = 0;
-        ipe_checkpoint_save(&d->checkpoint, &d->pipeline);
+        ipe_checkpoint_save(&d->checkpoint, d->pipeline);
     }
     if (!d->was_health_sent) {
         ipe_publish_flush(&d->publisher);

@@ -30,16 +30,22 @@ static bool is_interface_address(const char* address)
     return strncmp(address, "socketcan:", strlen("socketcan:")) == 0;
 }
 
-/// Every signal's bus must be there, and all buses recorded or all live.
+bool daemon_can_use(const daemon_t* d, const ipe_config_t* config, char* text, size_t size)
+{
+    for (int i = 0; i < config->n_signals; ++i) {
+        if ((unsigned)config->signal[i].bus < d->option.n_buses) { continue; }
+        (void)snprintf(text, size, "takes signals from bus %d, but only %u given", config->signal[i].bus,
+                       d->option.n_buses);
+        return false;
+    }
+    if (config->position_source != IPE_POSITION_TRACKER || d->replay.has_tracker || d->inbox.fd >= 0) { return true; }
+    (void)snprintf(text, size, "no tracker positions can come over this --lcm; give --tracker file:FILE");
+    return false;
+}
+
+/// All recorded or all live.
 static int check_buses(const daemon_t* d)
 {
-    char reason[REASON_SIZE];
-    for (int i = 0; i < d->config.n_signals; ++i) {
-        if ((unsigned)d->config.signal[i].bus < d->option.n_buses) { continue; }
-        (void)snprintf(reason, sizeof reason, "%s takes signals from bus %d, but only %u given", d->option.config,
-                       d->config.signal[i].bus, d->option.n_buses);
-        return daemon_refuse("--bus", reason);
-    }
     for (unsigned i = 1; i < d->option.n_buses; ++i) {
         if (is_interface_address(d->option.bus[i]) == is_interface_address(d->option.bus[0])) { continue; }
         return daemon_refuse("--bus", "files and interfaces cannot be mixed: their times differ");
@@ -129,10 +135,11 @@ static int open_buses(daemon_t* d)
     return 0;
 }
 
-static int open_tracker_file(daemon_t* d)
+static int open_tracker(daemon_t* d)
 {
     ipe_url_t url;
     char reason[REASON_SIZE];
+    if (d->option.tracker == NULL) { return 0; }
     if (!ipe_url_parse(&url, d->option.tracker, "file", "", reason, sizeof reason)) {
         return daemon_refuse("--tracker", reason);
     }
@@ -204,32 +211,29 @@ static int open_checkpoint(daemon_t* d)
                             sizeof reason) != 0) {
         return daemon_refuse("--checkpoint", reason);
     }
-    const int status = ipe_checkpoint_load(&d->checkpoint, &d->pipeline, reason, sizeof reason);
-    d->n_changes_reported = d->pipeline.detect.n_changes;
+    const int status = ipe_checkpoint_load(&d->checkpoint, d->pipeline, reason, sizeof reason);
+    d->n_changes_reported = d->pipeline->detect.n_changes;
     if (status < 0) { ipe_message("--checkpoint: %s", reason); }
     if (status > 0) {
+        memcpy(d->config.gyro_bias, d->pipeline->config.gyro_bias, sizeof d->config.gyro_bias);
+        (void)ipe_config_set_gyro_bias(d->config_bytes, d->n_config_bytes + IPE_CONFIG_CRC_BYTES, d->config.gyro_bias);
         ipe_message("--checkpoint: continuing from %s, %llu windows", d->option.checkpoint,
-                    (unsigned long long)d->pipeline.estimate.n_windows);
+                    (unsigned long long)d->pipeline->estimate.n_windows);
     }
     return 0;
 }
 
-static void take_position(void* user, int64_t t_ns, const double position[3])
-{
-    flow_position(user, t_ns, position);
-}
-
-/// LCM, and the tracker: from a file, from LCM, or not needed.
-static int open_publisher_and_tracker(daemon_t* d)
+static int open_lcm(daemon_t* d)
 {
     char reason[REASON_SIZE];
     if (ipe_publish_open(&d->publisher, d->option.lcm, d->option.lcm_prefix, &d->config, reason, sizeof reason) != 0) {
         return daemon_refuse("--lcm", reason);
     }
-    if (d->option.tracker != NULL) { return open_tracker_file(d); }
-    if (d->config.position_source != IPE_POSITION_TRACKER) { return 0; }
-    if (ipe_publish_subscribe(&d->publisher, take_position, d) == 0) { return 0; }
-    return daemon_refuse("--lcm", "no tracker positions can come this way; give --tracker file:FILE");
+    if (ipe_inbox_open(&d->inbox, d->option.lcm, d->publisher.channel[IPE_PUBLISH_TRACKER],
+                       d->publisher.channel[IPE_PUBLISH_COMMAND], reason, sizeof reason) != 0) {
+        return daemon_refuse("--lcm", reason);
+    }
+    return 0;
 }
 
 /// Signals arrive through a descriptor. Blocked before LCM starts its thread, which inherits this.
@@ -277,16 +281,19 @@ static int open_real_time(const daemon_t* d)
 int daemon_open(daemon_t* d)
 {
     char reason[REASON_SIZE];
+    d->pipeline = &d->pipelines[0];
+    ipe_rest_init(&d->rest);
     if (open_config(d) != 0) { return -1; }
-    if (ipe_pipeline_init(&d->pipeline, &d->config, reason, sizeof reason) != IPE_OK) {
+    if (ipe_pipeline_init(d->pipeline, &d->config, reason, sizeof reason) != IPE_OK) {
         return daemon_refuse(d->option.config, reason);
     }
     if (d->option.estimate != NULL && !ipe_estimate_file_check(d->option.estimate, reason, sizeof reason)) {
         return daemon_refuse("--estimate", reason);
     }
     if (open_signals(d) != 0) { return daemon_refuse("signals", strerror(errno)); }
-    if (check_buses(d) != 0 || open_buses(d) != 0 || open_publisher_and_tracker(d) != 0) { return -1; }
-    if (d->option.record != NULL && open_record(d) != 0) { return -1; }
+    if (check_buses(d) != 0 || open_buses(d) != 0 || open_lcm(d) != 0 || open_tracker(d) != 0) { return -1; }
+    if (!daemon_can_use(d, &d->config, reason, sizeof reason)) { return daemon_refuse(d->option.config, reason); }
     if (d->option.checkpoint != NULL && open_checkpoint(d) != 0) { return -1; }
+    if (d->option.record != NULL && open_record(d) != 0) { return -1; }
     return loop_open(d) != 0 ? -1 : open_real_time(d);
 }

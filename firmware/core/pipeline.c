@@ -294,6 +294,10 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     p->n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_noise_restart(&p->noise); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
+    if (p->is_frozen) {
+        ++p->n_frozen;
+        return IPE_IGNORED;
+    }
     status = update_filter(p, &average, &nis);             // equations -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     if (!make_estimate(p, &average, nis, &p->estimate)) {  // theta -> body, consistency
@@ -307,6 +311,53 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
 void ipe_pipeline_flush(ipe_pipeline_t* p)
 {
     p->align.is_ending = true;
+}
+
+void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen)
+{
+    p->is_frozen = is_frozen;
+    ipe_noise_restart(&p->noise);
+}
+
+void ipe_pipeline_reset(ipe_pipeline_t* p)
+{
+    (void)init_filter(p);  // cannot fail: it did not with the same configuration
+    memset(&p->estimate, 0, sizeof p->estimate);
+    p->n_excited = 0;
+    p->n_slow = 0;
+}
+
+void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
+{
+    memcpy(p->config.gyro_bias, bias, sizeof p->config.gyro_bias);
+    ipe_window_restart(&p->window);
+    ipe_noise_restart(&p->noise);
+}
+
+void ipe_pipeline_learnt(const ipe_pipeline_t* p, ipe_learnt_t* learnt)
+{
+    memset(learnt, 0, sizeof *learnt);
+    learnt->rls = p->rls;
+    learnt->noise = p->noise;
+    learnt->detect = p->detect;
+    memcpy(learnt->gyro_bias, p->config.gyro_bias, sizeof learnt->gyro_bias);
+    learnt->n_excited = p->n_excited;
+    learnt->n_rows = p->n_rows;
+    learnt->n_refused = p->n_refused;
+    learnt->estimate = p->estimate;
+}
+
+void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_learnt_t* learnt)
+{
+    p->rls = learnt->rls;
+    p->noise = learnt->noise;
+    p->detect = learnt->detect;
+    p->detect.n_outstanding = 0;
+    ipe_pipeline_set_gyro_bias(p, learnt->gyro_bias);
+    p->n_excited = learnt->n_excited;
+    p->n_rows = learnt->n_rows;
+    p->n_refused = learnt->n_refused;
+    p->estimate = learnt->estimate;
 }
 
 const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64_t* value)
@@ -367,6 +418,7 @@ const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64
         {"rls.updates", p->rls.n_updates},
         {"rls.not_finite", p->rls.n_nonfinite},
         {"estimate.refused", p->n_refused},
+        {"estimate.frozen", p->n_frozen},
     };
     if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
     *value = counter[index].value;

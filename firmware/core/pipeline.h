@@ -38,6 +38,16 @@ typedef struct {
     uint64_t n_changes;  ///< payload changes noticed so far
 } ipe_estimate_t;
 
+/// What was learnt from the data: kept by a checkpoint, and when settings change that do not touch it.
+typedef struct {
+    ipe_rls_t rls;
+    ipe_noise_t noise;
+    ipe_detect_t detect;
+    double gyro_bias[3];  ///< as configured or tared, I axes, rad/s
+    uint64_t n_excited, n_rows, n_refused;
+    ipe_estimate_t estimate;
+} ipe_learnt_t;
+
 /// Counters and state of every stage; read freely, write never.
 typedef struct {
     ipe_config_t config;
@@ -60,6 +70,8 @@ typedef struct {
     ipe_estimate_t estimate;
     uint64_t n_rows;                        ///< aligned rows that entered the window
     uint64_t n_refused;                     ///< estimates not published because a value was not finite
+    bool is_frozen;                         ///< windows are not learnt from
+    uint64_t n_frozen;                      ///< windows that were not
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.
@@ -92,6 +104,20 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
 
 /// The input has ended: let rows out that were waiting for samples that will not come, then step as usual.
 void ipe_pipeline_flush(ipe_pipeline_t* p);
+
+/// Stop learning from the windows, or go on with it. Rows and the last estimate keep coming.
+void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen);
+
+/// Forget what was learnt and start from the prior; samples, clocks and open windows stay. The filter's, the noise's and
+/// the detector's counters begin again at 0.
+void ipe_pipeline_reset(ipe_pipeline_t* p);
+
+/// From the next row on use this gyro bias [3], I axes, rad/s; the open windows are thrown away.
+void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3]);
+
+/// Copy what was learnt so far, and go on from such a copy: p must have the same robot, sensors and priors.
+void ipe_pipeline_learnt(const ipe_pipeline_t* p, ipe_learnt_t* learnt);
+void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_learnt_t* learnt);
 
 /// A counter of the pipeline by index: "stage.cause" and its value. NULL past the last. The names are stable.
 const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64_t* value);

@@ -69,6 +69,11 @@ static void restart(ipe_window_t* x, int64_t t_ns)
     x->spacing = 0.0;
 }
 
+void ipe_window_restart(ipe_window_t* x)
+{
+    x->is_running = false;
+}
+
 /// Cubic B-spline on 0..4 with unit area, and its derivative.
 static double spline(double z, double* slope)
 {

@@ -90,6 +90,9 @@ typedef struct {
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);
 
+/// Throw the open windows away: rows to come do not fit those in them.
+void ipe_window_restart(ipe_window_t* x);
+
 /// Take one row's motion and wrench at t_ns.
 ///
 /// IPE_OK         a window ended: average is written

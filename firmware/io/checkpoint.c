@@ -11,8 +11,9 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { VERSION = 1, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
+enum { VERSION = 2, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
+static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
 
 // ---- state ----------------------------------------------------------------------------------------------------------
 
@@ -23,40 +24,28 @@ static void take_state(const ipe_checkpoint_t* c, const ipe_pipeline_t* p, ipe_c
     s->version = VERSION;
     s->size = sizeof *s;
     s->fingerprint = c->fingerprint;
-    s->rls = p->rls;
-    s->noise = p->noise;
-    s->detect = p->detect;
+    ipe_pipeline_learnt(p, &s->learnt);
     s->period = p->window.period;
     s->length = p->window.length;
     s->max_gap = p->window.max_gap;
-    s->n_excited = p->n_excited;
-    s->n_rows = p->n_rows;
-    s->n_refused = p->n_refused;
-    s->estimate = p->estimate;
 }
 
 /// Time went by meanwhile: no window follows one from before.
 static void give_state(const ipe_checkpoint_state_t* s, ipe_pipeline_t* p)
 {
-    p->rls = s->rls;
-    p->noise = s->noise;
-    ipe_noise_restart(&p->noise);
-    p->detect = s->detect;
-    p->detect.n_outstanding = 0;
+    ipe_pipeline_continue(p, &s->learnt);
     p->window.period = s->period;
     p->window.length = s->length;
     p->window.max_gap = s->max_gap;
-    p->n_excited = s->n_excited;
-    p->n_rows = s->n_rows;
-    p->n_refused = s->n_refused;
-    p->estimate = s->estimate;
 }
 
 static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* p)
 {
-    bool good = s->rls.n == p->rls.n && ipe_rls_invariants_hold(&s->rls) && s->estimate.n_windows > 0 &&
-                s->estimate.n_systematic == s->rls.n - IPE_NP && isfinite(s->detect.cusum);
-    for (int i = 0; i < IPE_NY; ++i) { good = good && s->noise.L[i][i] > 0.0 && isfinite(s->noise.L[i][i]); }
+    const ipe_learnt_t* l = &s->learnt;
+    bool good = l->rls.n == p->rls.n && ipe_rls_invariants_hold(&l->rls) && l->estimate.n_windows > 0 &&
+                l->estimate.n_systematic == l->rls.n - IPE_NP && isfinite(l->detect.cusum);
+    for (int i = 0; i < IPE_NY; ++i) { good = good && l->noise.L[i][i] > 0.0 && isfinite(l->noise.L[i][i]); }
+    for (int i = 0; i < 3; ++i) { good = good && fabs(l->gyro_bias[i]) <= GYRO_BIAS_MAX; }
     return good && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;
 }
 
@@ -143,13 +132,18 @@ int ipe_checkpoint_open(ipe_checkpoint_t* c, const char* path, const uint8_t* co
 {
     memset(c, 0, sizeof *c);
     c->path = path;
-    c->fingerprint = ((uint64_t)n << 32) | ipe_config_crc(config, n);
+    ipe_checkpoint_configure(c, config, n);
     if (!ipe_atomic_file_check(path, message, size)) { return -1; }
     (void)sem_init(&c->wake, 0, 0);
     const int cause = pthread_create(&c->thread, NULL, run, c);
     if (cause == 0) { return 0; }
     (void)snprintf(message, size, "%s: cannot start the writer: %s", path, strerror(cause));
     return -1;
+}
+
+void ipe_checkpoint_configure(ipe_checkpoint_t* c, const uint8_t* config, size_t n)
+{
+    c->fingerprint = ((uint64_t)n << 32) | ipe_config_crc(config, n);
 }
 
 void ipe_checkpoint_save(ipe_checkpoint_t* c, const ipe_pipeline_t* p)

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// What the estimator has learnt, kept in a file, so that a restart continues from it.
 ///
-/// Kept: states and covariance of the filter, what is known of the noise, the change detector's sum, the measured sample
-/// period, the last estimate, the counters that belong to them. Not kept: samples, open windows, clock maps; they are
+/// Kept: states and covariance of the filter, what is known of the noise, the change detector's sum, the gyro's bias as
+/// tared, the measured sample period, the last estimate, the counters that belong to them. Not kept: samples, open windows, clock maps; they are
 /// full again within seconds. The file is replaced atomically (atomic_file.h) by a thread of its own, so the estimator
 /// waits for the disk only at the end. It fits one configuration, one version of this program and one kind of machine.
 /// 25 KB of state, caller-allocated, no heap after open.
@@ -20,15 +20,11 @@
 /// The file: this, then the CRC-32 of these bytes, both in the machine's own byte order.
 typedef struct {
     char magic[8];
-    uint32_t version;      ///< raised with every change of what follows
-    uint32_t size;         ///< of this
-    uint64_t fingerprint;  ///< of the configuration
-    ipe_rls_t rls;
-    ipe_noise_t noise;
-    ipe_detect_t detect;
+    uint32_t version;                ///< raised with every change of what follows
+    uint32_t size;                   ///< of this
+    uint64_t fingerprint;            ///< of the configuration
+    ipe_learnt_t learnt;
     double period, length, max_gap;  ///< of the window, s
-    uint64_t n_excited, n_rows, n_refused;
-    ipe_estimate_t estimate;
 } ipe_checkpoint_state_t;
 
 typedef struct {
@@ -59,6 +55,9 @@ int ipe_checkpoint_open(ipe_checkpoint_t* c, const char* path, const uint8_t* co
 /// 0   there is no file; p as it was
 /// -1  the file is torn, damaged, of another configuration or version; p as it was, message says which
 int ipe_checkpoint_load(const ipe_checkpoint_t* c, ipe_pipeline_t* p, char* message, size_t size);
+
+/// From now on the file belongs to another configuration, n bytes.
+void ipe_checkpoint_configure(ipe_checkpoint_t* c, const uint8_t* config, size_t n);
 
 /// Hand p's state to the writer. Does nothing while that is still busy, before the first window, and when p is damaged.
 void ipe_checkpoint_save(ipe_checkpoint_t* c, const ipe_pipeline_t* p);

@@ -162,6 +162,18 @@ ipe_status_t ipe_config_from_bytes(const uint8_t* bytes, size_t n, ipe_config_t*
     return ipe_config_check(config, message, size);
 }
 
+ipe_status_t ipe_config_set_gyro_bias(uint8_t* bytes, size_t n, const double bias[3])
+{
+    wire_t wire;
+    const int n_wire = (int)(n - CRC_BYTES);
+    if (inertiad_lcm_robot_config_t_decode(bytes, 0, n_wire, &wire) != n_wire) { return IPE_ERR_CONFIG; }
+    memcpy(wire.gyro_bias, bias, sizeof wire.gyro_bias);
+    (void)inertiad_lcm_robot_config_t_encode(bytes, 0, n_wire, &wire);
+    const uint32_t crc = ipe_config_crc(bytes, (size_t)n_wire);
+    for (int i = 0; i < CRC_BYTES; ++i) { bytes[n_wire + i] = (uint8_t)(crc >> (8 * (CRC_BYTES - 1 - i))); }
+    return IPE_OK;
+}
+
 /// Bytes read, capacity when the file is longer, -1 with errno set.
 static ssize_t read_file(const char* path, uint8_t* bytes, size_t capacity)
 {

@@ -29,6 +29,11 @@ uint32_t ipe_config_crc(const uint8_t* bytes, size_t n);
 /// IPE_ERR_CONFIG  damaged (CRC), written by another version (fingerprint), or a field out of range
 ipe_status_t ipe_config_from_bytes(const uint8_t* bytes, size_t n, ipe_config_t* config, char* message, size_t size);
 
+/// Put another gyro bias [3], rad/s, into a whole compiled configuration of n bytes, CRC included. The rest stays.
+///
+/// IPE_OK, or IPE_ERR_CONFIG: not one that ipe_config_from_bytes() takes, untouched.
+ipe_status_t ipe_config_set_gyro_bias(uint8_t* bytes, size_t n, const double bias[3]);
+
 /// The whole file as it is: its length, IPE_CONFIG_FILE_MAX if it is too long for a configuration, -1 with errno set.
 ssize_t ipe_config_read(const char* path, uint8_t bytes[IPE_CONFIG_FILE_MAX]);
 

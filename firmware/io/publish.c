@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "publish.h"
 
-#include "source.h"
-
 #include "inertiad_lcm_estimate_t.h"
 #include "inertiad_lcm_event_t.h"
 #include "inertiad_lcm_health_t.h"
@@ -15,9 +13,8 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { PREFIX_MAX = 40, TRACKER_QUEUE = 1000 };
+enum { PREFIX_MAX = 40 };
 static const int64_t BLOCK_NS = 16000000;
-static const int64_t NS_PER_S = 1000000000;
 
 /// Fields and their counterparts in a message have the same size, or this does not compile.
 #define COPY(to, from)                                                               \
@@ -36,7 +33,7 @@ static bool is_good_prefix(const char* prefix)
 static void name_channels(ipe_publish_t* p, const char* prefix)
 {
     static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",   "SIGNALS", "ESTIMATE", "HEALTH",
-                                                        "EVENT", "TRACKER", "CONFIG"};
+                                                        "EVENT", "TRACKER", "COMMAND",  "CONFIG"};
     for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
         (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
     }
@@ -46,8 +43,7 @@ int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, cons
                      size_t size)
 {
     memset(p, 0, sizeof *p);
-    p->n_cables = config->n_cables;
-    p->estimate_period_ns = llround(1e9 / config->estimate_rate);
+    ipe_publish_configure(p, config);
     if (!is_good_prefix(prefix)) {
         (void)snprintf(message, size, "prefix \"%s\": allowed are 1 to %d letters, digits, '_', '-', '/'", prefix,
                        PREFIX_MAX);
@@ -74,44 +70,9 @@ static bool is_on(const ipe_publish_t* p)
     return p->lcm != NULL || p->record != NULL;
 }
 
-static void handle_tracker(const lcm_recv_buf_t* received, const char* channel, void* user)
+void ipe_publish_received(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, const uint8_t* data, size_t n)
 {
-    (void)channel;
-    ipe_publish_t* p = user;
-    inertiad_lcm_tracker_t tracker;
-    const int n = inertiad_lcm_tracker_t_decode(received->data, 0, (int)received->data_size, &tracker);
-    if (n < 0 || tracker.t_ns < 0 || tracker.t_ns / NS_PER_S > IPE_SECONDS_MAX) {
-        p->n_positions_bad++;
-    } else if (!tracker.valid) {
-        p->n_positions_invalid++;
-    } else {
-        p->n_positions++;
-        if (p->record != NULL) {
-            ipe_record_push(p->record, p->channel[IPE_PUBLISH_TRACKER], tracker.t_ns, received->data,
-                            received->data_size);
-        }
-        p->take_position(p->take_position_user, tracker.t_ns, tracker.position);
-    }
-}
-
-int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler, void* user)
-{
-    if (p->lcm == NULL) { return -1; }
-    p->take_position = handler;
-    p->take_position_user = user;
-    lcm_subscription_t* subscription = lcm_subscribe(p->lcm, p->channel[IPE_PUBLISH_TRACKER], handle_tracker, p);
-    if (subscription == NULL) { return -1; }
-    return lcm_subscription_set_queue_capacity(subscription, TRACKER_QUEUE);
-}
-
-int ipe_publish_fileno(const ipe_publish_t* p)
-{
-    return p->lcm == NULL ? -1 : lcm_get_fileno(p->lcm);
-}
-
-void ipe_publish_receive(ipe_publish_t* p)
-{
-    if (p->lcm != NULL) { (void)lcm_handle_timeout(p->lcm, 0); }
+    if (p->record != NULL) { ipe_record_push(p->record, p->channel[channel], t_ns, data, n); }
 }
 
 /// Send and record the n bytes of p->bytes at data time t_ns; n < 0: they could not be encoded. True when sent.
@@ -289,20 +250,43 @@ void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* co
     (void)send(p, IPE_PUBLISH_HEALTH, t_ns, inertiad_lcm_health_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
-void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text)
+static void send_event(ipe_publish_t* p, int64_t t_ns, inertiad_lcm_event_t message, const char* source,
+                       const char* text)
 {
     if (!is_on(p)) { return; }
-    const inertiad_lcm_event_t message = {.sequence = p->sequence[IPE_PUBLISH_EVENT],
-                                          .t_ns = t_ns,
-                                          .source = (char*)(uintptr_t)source,
-                                          .text = (char*)(uintptr_t)text};
+    message.sequence = p->sequence[IPE_PUBLISH_EVENT];
+    message.t_ns = t_ns;
+    // The generated type has no const, and its encoder only reads.
+    message.source = (char*)(uintptr_t)source;
+    message.text = (char*)(uintptr_t)text;
     (void)send(p, IPE_PUBLISH_EVENT, t_ns, inertiad_lcm_event_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text)
+{
+    send_event(p, t_ns, (inertiad_lcm_event_t){.kind = INERTIAD_LCM_EVENT_T_NEWS}, source, text);
+}
+
+void ipe_publish_answer(ipe_publish_t* p, int64_t t_ns, const ipe_command_t* command, bool is_done, const char* text)
+{
+    const inertiad_lcm_event_t message = {.kind = is_done ? INERTIAD_LCM_EVENT_T_DONE : INERTIAD_LCM_EVENT_T_REFUSED,
+                                          .sender = command->sender,
+                                          .command = command->sequence};
+    send_event(p, t_ns, message, "command", text);
 }
 
 void ipe_publish_flush(ipe_publish_t* p)
 {
     send_frames(p);
     send_rows(p);
+}
+
+void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config)
+{
+    ipe_publish_flush(p);
+    p->n_cables = config->n_cables;
+    p->estimate_period_ns = llround(1e9 / config->estimate_rate);
+    p->has_estimate_due = false;
 }
 
 void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate)
@@ -328,9 +312,6 @@ const char* ipe_publish_counter(const ipe_publish_t* p, unsigned index, uint64_t
         {"messages", p->n_messages},
         {"failed", p->n_failed},
         {"estimates_not_finite", p->n_not_finite},
-        {"tracker_positions", p->n_positions},
-        {"tracker_invalid", p->n_positions_invalid},
-        {"tracker_bad_message", p->n_positions_bad},
     };
     if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
     *value = counter[index].value;

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Everything the daemon tells the world over LCM, and the tracker it listens to.
+/// Everything the daemon tells the world over LCM.
 ///
 /// out: RAW and SIGNALS in blocks of 16 ms or when full, ESTIMATE at the configured rate of data time, HEALTH, EVENT.
-/// in:  TRACKER. Channels carry a prefix, "INERTIAD_". Messages are encoded into a static buffer, so publishing allocates
-/// nothing; liblcm's receiving thread does. A message that cannot be sent is counted and forgotten: nothing waits.
-/// With a recorder every message goes into its queue as well, and so do the tracker positions that are used.
+/// Channels carry a prefix, "INERTIAD_". Messages are encoded into a static buffer, so publishing allocates nothing. A
+/// message that cannot be sent is counted and forgotten: nothing waits. With a recorder every message goes into its queue
+/// as well, and so do the messages from others that are used (inbox.h).
 /// 350 KB of state, caller-allocated, one thread. Without LCM (url "none") and recorder every call is good and does
 /// nothing.
 #ifndef IPE_PUBLISH_H
 #define IPE_PUBLISH_H
 
+#include "command.h"
 #include "counters.h"
 #include "message.h"
 #include "pipeline.h"
@@ -35,13 +36,11 @@ typedef enum {
     IPE_PUBLISH_ESTIMATE,
     IPE_PUBLISH_HEALTH,
     IPE_PUBLISH_EVENT,
-    IPE_PUBLISH_TRACKER,
-    IPE_PUBLISH_CONFIG,  ///< in records only
+    IPE_PUBLISH_TRACKER,  ///< in records only, as are those below
+    IPE_PUBLISH_COMMAND,
+    IPE_PUBLISH_CONFIG,
     IPE_PUBLISH_COUNT
 } ipe_publish_channel_t;
-
-/// Takes one tracked position: host time [ns], position [3] in W, m; user as given with the handler.
-typedef void (*ipe_position_handler_t)(void* user, int64_t t_ns, const double position[3]);
 
 typedef struct {
     lcm_t* lcm;                           ///< NULL: off
@@ -51,8 +50,6 @@ typedef struct {
     int n_cables;
     int64_t estimate_period_ns, estimate_due_ns;
     bool has_estimate_due;
-    ipe_position_handler_t take_position;
-    void* take_position_user;
     ipe_message_limit_t limit;
 
     int n_frames, n_rows;  ///< in the open blocks
@@ -63,14 +60,11 @@ typedef struct {
     inertiad_lcm_counter_t counter[IPE_COUNTERS_MAX];
     uint8_t bytes[IPE_PUBLISH_BYTES];
 
-    uint64_t n_input_dropped;      ///< written by the caller: frames and rows lost so far, told in the messages
-    uint64_t n_messages;           ///< sent
-    uint64_t n_failed;             ///< messages liblcm refused to send
-    uint64_t n_frames_failed;      ///< frames in RAW messages that failed
-    uint64_t n_not_finite;         ///< estimates held back: a value is NaN or Inf
-    uint64_t n_positions;          ///< positions received and handed on
-    uint64_t n_positions_invalid;  ///< received, flagged as not to be used
-    uint64_t n_positions_bad;      ///< received, not a tracker_t or its time out of range
+    uint64_t n_input_dropped;  ///< written by the caller: frames and rows lost so far, told in the messages
+    uint64_t n_messages;       ///< sent
+    uint64_t n_failed;         ///< messages liblcm refused to send
+    uint64_t n_frames_failed;  ///< frames in RAW messages that failed
+    uint64_t n_not_finite;     ///< estimates held back: a value is NaN or Inf
 } ipe_publish_t;
 
 /// Open LCM.
@@ -86,14 +80,8 @@ int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, cons
 /// Let every message go into an open recorder as well; NULL: no longer.
 void ipe_publish_record(ipe_publish_t* p, ipe_record_t* record);
 
-/// Listen to TRACKER; handler is called from ipe_publish_receive(). 0 or -1.
-int ipe_publish_subscribe(ipe_publish_t* p, ipe_position_handler_t handler, void* user);
-
-/// Readable when a message has come; -1 when LCM is off.
-int ipe_publish_fileno(const ipe_publish_t* p);
-
-/// Handle one message that has come. Call when fileno is readable.
-void ipe_publish_receive(ipe_publish_t* p);
+/// Record a message of n bytes that came from somebody else at host time t_ns; it is not sent.
+void ipe_publish_received(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, const uint8_t* data, size_t n);
 
 /// Add a frame to the open RAW block; sends it when 16 ms are full.
 void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame);
@@ -104,6 +92,9 @@ void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row);
 /// Record a position that did not come over LCM, as TRACKER; it is not sent.
 void ipe_publish_position(ipe_publish_t* p, int64_t t_ns, const double position[3]);
 
+/// From now on rows have this configuration's cables and estimates its rate. Sends the open blocks.
+void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config);
+
 /// Send ESTIMATE if it is due at data time now_ns. An estimate with a value that is not finite is never sent.
 void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate);
 
@@ -113,6 +104,9 @@ void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* co
 
 /// Send EVENT: what happened, to which stage or bus; one line.
 void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text);
+
+/// Send EVENT as the answer to a command: done, and what changed, or refused, and why; one line.
+void ipe_publish_answer(ipe_publish_t* p, int64_t t_ns, const ipe_command_t* command, bool is_done, const char* text);
 
 /// Send the blocks that are open.
 void ipe_publish_flush(ipe_publish_t* p);

@@ -166,15 +166,14 @@ static void sync_file(ipe_record_t* r)
 static bool begin_file(ipe_record_t* r, int64_t t_us)
 {
     uint8_t start[IPE_RECORD_HEADER + IPE_RECORD_NAME_MAX];
-    const ipe_record_options_t* o = &r->option;
-    const size_t n_channel = strlen(o->config_channel);
+    const char* channel = r->option.config_channel;
+    const size_t n_channel = strlen(channel);
     const size_t n_start = IPE_RECORD_HEADER + n_channel;
-    put_header(start, r->last_number, t_us, n_channel, o->n_config_bytes);
-    memcpy(start + IPE_RECORD_HEADER, o->config_channel, n_channel);
-    // struct iovec has no const, and writing only reads.
-    struct iovec piece[2] = {{start, n_start}, {(uint8_t*)(uintptr_t)o->config_bytes, o->n_config_bytes}};
+    put_header(start, r->last_number, t_us, n_channel, r->n_config);
+    memcpy(start + IPE_RECORD_HEADER, channel, n_channel);
+    struct iovec piece[2] = {{start, n_start}, {r->config, r->n_config}};
     r->file_begin_us = t_us;
-    r->has_begun = append(r, piece, 2, n_start + o->n_config_bytes);
+    r->has_begun = append(r, piece, 2, n_start + r->n_config);
     return r->has_begun;
 }
 
@@ -220,6 +219,7 @@ typedef struct {
     uint64_t n_messages;
     int64_t t_us;          ///< of the first
     uint64_t last_number;  ///< of the last
+    size_t n_config;       ///< a new configuration of so many bytes, alone, at the end of the batch; 0: none
 } batch_t;
 
 /// True if a message of time t_us that would end the file at byte end belongs into the next one.
@@ -229,6 +229,16 @@ static bool is_past_file(const ipe_record_t* r, uint64_t end, int64_t t_us)
     if (!r->has_begun) { return false; }
     return (o->rotate_bytes > 0 && end > o->rotate_bytes) ||
            (o->rotate_us > 0 && (t_us - r->file_begin_us >= o->rotate_us || t_us < r->file_begin_us - o->rotate_us));
+}
+
+/// Length of the message at position at, whose header this is, if it is a configuration; otherwise 0.
+static size_t config_length(ipe_record_t* r, uint64_t at, const uint8_t header[IPE_RECORD_HEADER])
+{
+    uint8_t channel[IPE_RECORD_NAME_MAX];
+    const size_t n_channel = (size_t)get(header + 20, 4), n = (size_t)get(header + 24, 4);
+    if (n_channel != strlen(r->option.config_channel) || n > sizeof r->config) { return 0; }
+    copy_out(r, at + IPE_RECORD_HEADER, channel, n_channel);
+    return memcmp(channel, r->option.config_channel, n_channel) == 0 ? n : 0;
 }
 
 static batch_t next_batch(ipe_record_t* r, uint64_t tail, uint64_t head)
@@ -243,11 +253,12 @@ static batch_t next_batch(ipe_record_t* r, uint64_t tail, uint64_t head)
             if (b.n_messages > 0) { return b; }
             rotate(r);
         }
+        b.n_config = config_length(r, tail + b.n_bytes, header);
         if (b.n_messages == 0) { b.t_us = t_us; }
         b.last_number = get(header + 4, 8);
         b.n_bytes += n;
         b.n_messages++;
-        if (!r->has_begun) { return b; }  // alone: the configuration comes before it
+        if (!r->has_begun || b.n_config > 0) { return b; }  // the configuration comes before what follows
     }
     return b;
 }
@@ -264,6 +275,10 @@ static void drain(ipe_record_t* r)
         if (good) { r->last_number = b.last_number; }
         atomic_fetch_add(good ? &r->n_messages : &r->n_unwritten, b.n_messages);
         tail += b.n_bytes;
+        if (b.n_config > 0) {
+            copy_out(r, tail - b.n_config, r->config, b.n_config);
+            r->n_config = b.n_config;
+        }
         atomic_store_explicit(&r->tail, tail, memory_order_release);
         if (monotonic_ns() - r->synced_ns >= SYNC_NS) { sync_file(r); }
     }
@@ -302,7 +317,9 @@ int ipe_record_open(ipe_record_t* r, const ipe_record_options_t* options, char* 
     r->number = 1;
     r->fd = -1;
     r->synced_ns = monotonic_ns();
-    assert(strlen(options->config_channel) < IPE_RECORD_NAME_MAX);
+    assert(strlen(options->config_channel) < IPE_RECORD_NAME_MAX && options->n_config_bytes <= sizeof r->config);
+    memcpy(r->config, options->config_bytes, options->n_config_bytes);
+    r->n_config = options->n_config_bytes;
     if (strlen(options->path) >= PATH_MAX) { return fail(r, "cannot write", ENAMETOOLONG, message, size); }
     const bool is_there = stat(options->path, &info) == 0;
     if (is_there && S_ISREG(info.st_mode) && info.st_size > 0 && !move_aside(r)) {

@@ -3,7 +3,8 @@
 ///
 /// Per message, big-endian: sync 0xEDA1DA01 u32, number u64, time u64 [us], channel length u32, data length u32,
 /// channel, data; lcm-logplayer and lcm's EventLog read it. The number counts every message handed in, so a step of more
-/// than one is a loss. The time is the message's data time. Each file begins with the configuration.
+/// than one is a loss. The time is the message's data time. Each file begins with the configuration; a message on its
+/// channel is the configuration from there on.
 /// What was written is on the disk half a second later (fdatasync), and a write that fails is cut back to the last whole
 /// message, so after a power cut or on a full disk only the end is missing.
 /// A file that is there already is not overwritten but moved to PATH.1, PATH.2, ...; so is one that is full (rotation).
@@ -24,12 +25,13 @@ enum {
     IPE_RECORD_MESSAGE_MAX = 1 << 18,  ///< bytes of one message with its channel
     IPE_RECORD_HEADER = 28,            ///< bytes before the channel
     IPE_RECORD_NAME_MAX = 64,
+    IPE_RECORD_CONFIG_MAX = 1 << 15,   ///< bytes of the configuration
 };
 
 typedef struct {
     const char* path;             ///< kept by pointer
     const char* config_channel;   ///< kept by pointer
-    const uint8_t* config_bytes;  ///< kept by pointer; first message of each file
+    const uint8_t* config_bytes;  ///< first message of each file, at most IPE_RECORD_CONFIG_MAX bytes; copied
     size_t n_config_bytes;
     uint64_t rotate_bytes;        ///< begin a new file before one grows longer; 0: never
     int64_t rotate_us;            ///< ... before it spans more data time; 0: never
@@ -39,12 +41,14 @@ typedef struct {
 typedef struct ipe_record {
     ipe_record_options_t option;
     pthread_t thread;
-    sem_t wake;                    ///< of the writer, before its time
+    sem_t wake;                   ///< of the writer, before its time
     atomic_bool is_closing;
-    _Atomic uint64_t head, tail;   ///< bytes ever put in by the caller, taken out by the writer
-    uint64_t number;               ///< of the next message, from 1
+    _Atomic uint64_t head, tail;  ///< bytes ever put in by the caller, taken out by the writer
+    uint64_t number;              ///< of the next message, from 1
 
-    int fd;                        ///< below: the writer's
+    int fd;                       ///< below: the writer's
+    uint8_t config[IPE_RECORD_CONFIG_MAX];
+    size_t n_config;
     bool has_begun;                ///< the file holds its configuration
     bool is_unsynced;
     uint64_t last_number;          ///< of the last message written

@@ -49,6 +49,14 @@ static void enlarge_buffer(ipe_source_socketcan_t* s)
     (void)getsockopt(s->fd, SOL_SOCKET, SO_RCVBUF, &s->receive_buffer, &n);
 }
 
+static int set_filters(const ipe_source_socketcan_t* s)
+{
+    static const struct can_filter ALL = {0};
+    const struct can_filter* filter = s->n_filters > 0 ? s->filter : &ALL;
+    const unsigned n = s->n_filters > 0 ? s->n_filters : 1;
+    return setsockopt(s->fd, SOL_CAN_RAW, CAN_RAW_FILTER, filter, (socklen_t)(n * sizeof *filter));
+}
+
 static int configure(ipe_source_socketcan_t* s)
 {
     const can_err_mask_t errors = CAN_ERR_MASK;
@@ -58,8 +66,7 @@ static int configure(ipe_source_socketcan_t* s)
     if (setsockopt(s->fd, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors) != 0) { return -1; }
     if (set_option(s->fd, SOL_SOCKET, SO_TIMESTAMPING, stamps) != 0) { return -1; }
     if (set_option(s->fd, SOL_SOCKET, SO_RXQ_OVFL, 1) != 0) { return -1; }
-    if (s->n_filters == 0) { return 0; }
-    return setsockopt(s->fd, SOL_CAN_RAW, CAN_RAW_FILTER, s->filter, (socklen_t)(s->n_filters * sizeof s->filter[0]));
+    return set_filters(s);
 }
 
 /// A new socket on the interface. 0, or -1 with errno set and no socket.
@@ -96,6 +103,7 @@ static void add_filter(ipe_source_socketcan_t* s, uint32_t can_id)
 
 static void make_filters(ipe_source_socketcan_t* s, const ipe_config_t* config)
 {
+    s->n_filters = 0;
     for (int i = 0; i < config->n_signals; ++i) {
         if (config->signal[i].bus == s->bus) { add_filter(s, config->signal[i].can_id); }
     }
@@ -121,7 +129,8 @@ int ipe_source_socketcan_open(ipe_source_socketcan_t* s, const char* interface, 
         return -1;
     }
     (void)snprintf(s->interface, sizeof s->interface, "%s", interface);
-    if (config != NULL) { make_filters(s, config); }
+    s->takes_all = config == NULL;
+    if (!s->takes_all) { make_filters(s, config); }
     if (open_socket(s) != 0) {
         (void)snprintf(message, size, "%s: %s", interface, reason_of(errno));
         return -1;
@@ -132,6 +141,13 @@ int ipe_source_socketcan_open(ipe_source_socketcan_t* s, const char* interface, 
     }
     if (!s->is_up) { ipe_message("%s: interface is down, waiting for it; ip link set %s up", interface, interface); }
     return 0;
+}
+
+int ipe_source_socketcan_filter(ipe_source_socketcan_t* s, const ipe_config_t* config)
+{
+    if (s->takes_all) { return 0; }
+    make_filters(s, config);
+    return s->fd < 0 ? 0 : set_filters(s);
 }
 
 /// The interface is down (it keeps its socket) or gone (the socket is of no more use).

@@ -30,6 +30,7 @@ typedef struct {
     char interface[IPE_SOCKETCAN_NAME_MAX];
     uint8_t bus;
     bool is_up;                                    ///< frames can come
+    bool takes_all;                                ///< every identifier, whatever is bound
     unsigned n_filters;                            ///< 0: every identifier
     struct can_filter filter[IPE_SIGNALS_MAX];
     int receive_buffer;                            ///< bytes, as the kernel counts them
@@ -52,6 +53,10 @@ typedef struct {
 /// 0 or -1. Warns on stderr when the buffer stays small or the interface is down.
 int ipe_source_socketcan_open(ipe_source_socketcan_t* s, const char* interface, uint8_t bus, const ipe_config_t* config,
                               char* message, size_t size);
+
+/// From now on let through what this configuration's signals are bound to; without effect on a source that takes all. 0, or
+/// -1 with errno set.
+int ipe_source_socketcan_filter(ipe_source_socketcan_t* s, const ipe_config_t* config);
 
 /// Read what is there, at most one batch, into s->frame. Never blocks.
 ///

@@ -14,6 +14,16 @@ from inertiad.robot import Robot
 TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"
 
+ISOLATED = [
+    "unshare",
+    "-n",
+    "sh",
+    "-c",
+    'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"',
+    "-",
+]
+"""before a command: a network of its own, in which LCM works"""
+
 MINIMAL = """
 name = "four"
 [cables]

@@ -14,7 +14,7 @@ from inertiad import estimate, watch
 from inertiad.error import InputError
 from inertiad_lcm import estimate_t, health_t
 
-COMMANDS = ["compile", "simulate", "encode", "excite", "watch"]
+COMMANDS = ["compile", "simulate", "encode", "excite", "watch", "command"]
 
 
 def one_line_and_2(result):

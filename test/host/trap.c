@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// LD_PRELOAD: counts the main thread's calls of the heap between its first and its last epoll_wait(), that is after the
+/// LD_PRELOAD: counts the calls of the heap, by any thread, between the first and the last epoll_wait(), that is after the
 /// start and before the end, and writes "calls waits" into the file $TRAP when the process ends.
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -16,11 +16,12 @@ extern void* __libc_realloc(void* p, size_t n);
 extern void* __libc_memalign(size_t alignment, size_t n);
 extern void __libc_free(void* p);
 
-static long n_calls, n_calls_at_wait, n_waits;
+static _Atomic long n_calls, n_waits;
+static long n_calls_at_wait;
 
 static void note(void)
 {
-    if (n_waits > 0 && gettid() == getpid()) { ++n_calls; }
+    if (n_waits > 0) { ++n_calls; }
 }
 
 void* malloc(size_t n)

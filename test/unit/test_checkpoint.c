@@ -188,7 +188,7 @@ static void test_checkpoint_of_another_version_or_impossible_is_refused(void)
     seal();
     assert_refused("another version");
     bytes[offsetof(ipe_checkpoint_state_t, version)] ^= 0xFF;
-    memset(bytes + offsetof(ipe_checkpoint_state_t, rls.D), 0xFF, sizeof(double));  // NaN
+    memset(bytes + offsetof(ipe_checkpoint_state_t, learnt.rls.D), 0xFF, sizeof(double));  // NaN
     seal();
     assert_refused("cannot be");
 }

@@ -151,6 +151,19 @@ static void test_config_load_names_the_file(void)
     TEST_ASSERT_EQUAL_STRING("/nonexistent.cfg: No such file or directory", message);
 }
 
+static void test_set_gyro_bias_changes_nothing_else(void)
+{
+    const double bias[3] = {0.1, -0.2, 0.3};
+    (void)ipe_config_from_bytes(bytes, n_bytes, &config, message, sizeof message);
+    ipe_config_t expected;
+    memcpy(&expected, &config, sizeof expected);
+    memcpy(expected.gyro_bias, bias, sizeof bias);
+    TEST_ASSERT_EQUAL(IPE_OK, ipe_config_set_gyro_bias(bytes, n_bytes, bias));
+    (void)ipe_config_from_bytes(bytes, n_bytes, &config, message, sizeof message);
+    TEST_ASSERT_EQUAL_MEMORY(&expected, &config, sizeof config);
+    TEST_ASSERT_EQUAL(IPE_ERR_CONFIG, ipe_config_set_gyro_bias(bytes, n_bytes - 8, bias));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -162,5 +175,6 @@ int main(void)
     RUN_TEST(test_config_of_another_version_is_named_so);
     RUN_TEST(test_config_out_of_range_names_field_and_value);
     RUN_TEST(test_config_load_names_the_file);
+    RUN_TEST(test_set_gyro_bias_changes_nothing_else);
     return UNITY_END();
 }

@@ -230,6 +230,63 @@ static void test_step_rest_does_not_wear_the_estimate(void)
     TEST_ASSERT_UINT64_WITHIN(30, excited, pipeline.n_excited);  // 3000 windows of rest, hardly one forgotten
 }
 
+static void test_freeze_keeps_the_estimate_until_it_is_lifted(void)
+{
+    (void)run(&pipeline, 0, 3000);  // given
+    const ipe_estimate_t before = pipeline.estimate;
+    ipe_pipeline_freeze(&pipeline, true);
+    TEST_ASSERT_EQUAL_INT(0, run(&pipeline, 3000, 5000));  // when
+    TEST_ASSERT_EQUAL_MEMORY(&before, &pipeline.estimate, sizeof before);
+    TEST_ASSERT_EQUAL_UINT64(counter("window.windows") - counter("rls.updates"), counter("estimate.frozen"));
+    TEST_ASSERT_GREATER_THAN_UINT64(15, counter("estimate.frozen"));
+    ipe_pipeline_freeze(&pipeline, false);
+    TEST_ASSERT_GREATER_THAN_INT(15, run(&pipeline, 5000, 7000));  // then: it goes on
+}
+
+static void test_reset_learns_again_from_the_prior(void)
+{
+    (void)run(&pipeline, 0, 5000);  // given
+    const ipe_estimate_t first = pipeline.estimate;
+    init(&other);
+    ipe_pipeline_reset(&pipeline);  // when
+    TEST_ASSERT_EQUAL_UINT64(0, pipeline.estimate.n_windows);
+    TEST_ASSERT_EQUAL_MEMORY(&other.rls, &pipeline.rls, sizeof other.rls);
+    TEST_ASSERT_EQUAL_MEMORY(&other.noise, &pipeline.noise, sizeof other.noise);
+    (void)run(&pipeline, 5000, 10000);  // then: as sure as after the first five seconds
+    TEST_ASSERT_UINT64_WITHIN(5, first.n_windows, pipeline.estimate.n_windows);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5 * first.body.mass_std, first.body.mass_std, pipeline.estimate.body.mass_std);
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 161.058, pipeline.estimate.body.mass);
+}
+
+static void test_continue_goes_on_where_the_other_stopped(void)
+{
+    static ipe_learnt_t learnt;
+    (void)run(&pipeline, 0, 5000);  // given
+    config.estimate_rate = 7.0;
+    init(&other);
+    ipe_pipeline_learnt(&pipeline, &learnt);
+    ipe_pipeline_continue(&other, &learnt);  // when
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimate, &other.estimate, sizeof other.estimate);
+    (void)run(&other, 5000, 6000);           // then
+    TEST_ASSERT_GREATER_THAN_UINT64(pipeline.estimate.n_windows, other.estimate.n_windows);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, pipeline.estimate.body.mass, other.estimate.body.mass);
+}
+
+static void test_gyro_bias_is_used_from_the_next_row_on(void)
+{
+    const double bias[3] = {0.3, -0.2, 0.1};
+    (void)run(&pipeline, 0, 2000);       // given
+    for (int k = 2000; k < 4000; ++k) {  // when: the gyro and the bias move together
+        ideal_t x = sample[k];
+        if (k == 2000) { ipe_pipeline_set_gyro_bias(&pipeline, bias); }
+        for (int i = 0; i < 3; ++i) { x.gyro[i] += bias[i]; }
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+    }
+    TEST_ASSERT_EQUAL_UINT64(0, counter("detect.held") + counter("detect.changes"));  // then: nothing is noticed
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 161.058, pipeline.estimate.body.mass);
+}
+
 static void test_step_same_input_gives_the_same_bytes(void)
 {
     init(&other);                                                              // given
@@ -459,6 +516,10 @@ int main(void)
     RUN_TEST(test_step_slow_forces_and_position_still_find_the_body);
     RUN_TEST(test_step_payload_picked_up_is_noticed_and_followed);
     RUN_TEST(test_step_rest_does_not_wear_the_estimate);
+    RUN_TEST(test_freeze_keeps_the_estimate_until_it_is_lifted);
+    RUN_TEST(test_reset_learns_again_from_the_prior);
+    RUN_TEST(test_continue_goes_on_where_the_other_stopped);
+    RUN_TEST(test_gyro_bias_is_used_from_the_next_row_on);
     RUN_TEST(test_step_same_input_gives_the_same_bytes);
     RUN_TEST(test_step_order_of_sensors_on_the_bus_changes_nothing);
     RUN_TEST(test_init_bad_configuration_is_refused_with_reason);

@@ -10,7 +10,6 @@
 #include "inertiad_lcm_health_t.h"
 #include "inertiad_lcm_raw_t.h"
 #include "inertiad_lcm_signals_t.h"
-#include "inertiad_lcm_tracker_t.h"
 
 #include <math.h>
 
@@ -23,7 +22,8 @@ static int n_received[IPE_PUBLISH_COUNT];
 static int64_t last_sequence, last_dropped, last_t_ns;
 static int last_length;
 static char last_text[64];
-static double last_position[3];
+static int last_kind;
+static int64_t last_sender;
 
 static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* user)
 {
@@ -60,6 +60,7 @@ static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* use
         TEST_ASSERT_EQUAL(n, inertiad_lcm_event_t_decode(buffer->data, 0, n, &event));
         n_received[IPE_PUBLISH_EVENT]++;
         (void)snprintf(last_text, sizeof last_text, "%s: %s", event.source, event.text);
+        last_kind = event.kind, last_sender = event.sender, last_sequence = event.command;
         inertiad_lcm_event_t_decode_cleanup(&event);
     }
 }
@@ -186,33 +187,15 @@ static void test_publish_health_and_event_arrive_whole(void)
     TEST_ASSERT_EQUAL_STRING("can0: interface is down", last_text);
 }
 
-static void take_position(void* user, int64_t t_ns, const double position[3])
+static void test_publish_answer_tells_which_command_it_answers(void)
 {
-    TEST_ASSERT_EQUAL_PTR(&publisher, user);
-    last_t_ns = t_ns;
-    memcpy(last_position, position, sizeof last_position);
-}
-
-static void send_tracker(bool is_valid, int n_cut)
-{
-    uint8_t bytes[256];
-    const inertiad_lcm_tracker_t tracker = {.t_ns = 77, .valid = is_valid, .position = {1, 2, 3}};
-    const int n = inertiad_lcm_tracker_t_encode(bytes, 0, sizeof bytes, &tracker);
-    TEST_ASSERT_EQUAL(0, lcm_publish(publisher.lcm, "TEST_TRACKER", bytes, (unsigned)(n - n_cut)));
+    const ipe_command_t command = {.sequence = 3, .sender = 99};
+    ipe_publish_answer(&publisher, 1, &command, false, "moving");
     handle_all();
-}
-
-static void test_publish_tracker_positions_are_handed_on_if_valid(void)
-{
-    TEST_ASSERT_EQUAL(0, ipe_publish_subscribe(&publisher, take_position, &publisher));
-    send_tracker(true, 0);
-    TEST_ASSERT_EQUAL_INT64(77, last_t_ns);
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, last_position[2]);
-    send_tracker(false, 0);
-    send_tracker(true, 5);
-    TEST_ASSERT_EQUAL_UINT64(1, publisher.n_positions);
-    TEST_ASSERT_EQUAL_UINT64(1, publisher.n_positions_invalid);
-    TEST_ASSERT_EQUAL_UINT64(1, publisher.n_positions_bad);
+    TEST_ASSERT_EQUAL_STRING("command: moving", last_text);
+    TEST_ASSERT_EQUAL(INERTIAD_LCM_EVENT_T_REFUSED, last_kind);
+    TEST_ASSERT_EQUAL_INT64(99, last_sender);
+    TEST_ASSERT_EQUAL_INT64(3, last_sequence);
 }
 
 static void test_publish_without_lcm_does_nothing(void)
@@ -222,8 +205,6 @@ static void test_publish_without_lcm_does_nothing(void)
     TEST_ASSERT_EQUAL(0, ipe_publish_open(&publisher, "none", "TEST_", &config, message, sizeof message));
     push_frames(1000, 0, MS);
     ipe_publish_last(&publisher, &estimate);
-    TEST_ASSERT_EQUAL(-1, ipe_publish_fileno(&publisher));
-    TEST_ASSERT_EQUAL(-1, ipe_publish_subscribe(&publisher, take_position, &publisher));
     TEST_ASSERT_EQUAL_UINT64(0, publisher.n_messages);
 }
 
@@ -247,7 +228,7 @@ int main(void)
     RUN_TEST(test_publish_estimate_before_the_first_window_is_not_sent);
     RUN_TEST(test_publish_estimate_that_is_not_finite_is_held_back);
     RUN_TEST(test_publish_health_and_event_arrive_whole);
-    RUN_TEST(test_publish_tracker_positions_are_handed_on_if_valid);
+    RUN_TEST(test_publish_answer_tells_which_command_it_answers);
     RUN_TEST(test_publish_without_lcm_does_nothing);
     RUN_TEST(test_publish_bad_prefix_is_refused);
     return UNITY_END();

@@ -252,6 +252,33 @@ static void test_record_rotated_by_data_time(void)
     TEST_ASSERT_EQUAL(29, read_log(path).last_value);
 }
 
+/// Values of the configurations in a log, as decimal digits in their order.
+static int configs_of(const char* name)
+{
+    int digits = 0;
+    lcm_eventlog_t* log = lcm_eventlog_create(name, "r");
+    TEST_ASSERT_NOT_NULL(log);
+    for (lcm_eventlog_event_t* e; (e = lcm_eventlog_read_next_event(log)) != NULL; lcm_eventlog_free_event(e)) {
+        if (strcmp(e->channel, "T_CONFIG") == 0) { digits = 10 * digits + ((const uint8_t*)e->data)[0]; }
+    }
+    lcm_eventlog_destroy(log);
+    return digits;
+}
+
+static void test_record_a_new_configuration_begins_the_files_after_it(void)
+{
+    options.rotate_us = 1000000;
+    open_it();
+    for (int i = 0; i < 30; ++i) {
+        if (i == 5) { push("T_CONFIG", 500000, 7, 20); }
+        push("T_RAW", 100000 * i, i, 10);
+    }
+    TEST_ASSERT_EQUAL(0, ipe_record_close(&recorder));
+    TEST_ASSERT_EQUAL(17, configs_of(numbered(1)));
+    TEST_ASSERT_EQUAL(7, configs_of(numbered(2)));
+    TEST_ASSERT_EQUAL(7, configs_of(path));
+}
+
 static void test_record_that_cannot_be_opened_says_why(void)
 {
     char nowhere[96];
@@ -277,6 +304,7 @@ int main(void)
     RUN_TEST(test_record_before_is_moved_aside);
     RUN_TEST(test_record_rotated_by_size_begins_each_file_with_the_configuration);
     RUN_TEST(test_record_rotated_by_data_time);
+    RUN_TEST(test_record_a_new_configuration_begins_the_files_after_it);
     RUN_TEST(test_record_that_cannot_be_opened_says_why);
     return UNITY_END();
 }

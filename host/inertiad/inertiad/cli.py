@@ -189,6 +189,34 @@ def watch(
     watcher.watch(url, prefix, seconds)
 
 
+@app.command(epilog='Example: inertiactl command mark "load on"')
+def command(
+    name: Annotated[str, typer.Argument(metavar="freeze|resume|reset|tare|configure|mark")],
+    argument: Annotated[
+        str | None, typer.Argument(metavar="[FILE|TEXT]", help="FILE of configure, TEXT of mark.")
+    ] = None,
+    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
+    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+    patience: Annotated[
+        float, typer.Option("--wait", metavar="S", min=0.0, help="Wait this long for an answer.")
+    ] = 3.0,
+) -> int:
+    """Tell a running daemon what to do and print its answer.
+
+    freeze: learn nothing more; resume: learn again; reset: start from the prior; tare: take the gyro's bias at rest;
+    configure FILE: use this compiled configuration; mark TEXT: note it in the record.
+
+    Exit status 0: done, 1: the daemon refused, 2: nobody answered.
+    """
+    from inertiad import command as commands
+
+    answer = commands.send(commands.make(name, argument), url, prefix, patience)
+    if answer is None:
+        raise InputError(f"--lcm {url}: no answer on {prefix}EVENT within {patience:g} s: does inertiad run there?")
+    typer.echo(answer.text)
+    return 0 if answer.is_done else 1
+
+
 @app.command(epilog="Example: inertiactl replay run --bus socketcan:vcan0 --speed 1")
 def replay(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, or a log: .log .asc .blf .trc .mf4 .lcmlog.")],

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+/// command_t -> what to do. Strings and bytes stay in the message, so nothing is allocated.
+#ifndef IPE_COMMAND_H
+#define IPE_COMMAND_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/// The numbers are those of lcm_types/command_t.lcm.
+typedef enum {
+    IPE_COMMAND_FREEZE = 1,
+    IPE_COMMAND_RESUME = 2,
+    IPE_COMMAND_RESET = 3,
+    IPE_COMMAND_TARE = 4,
+    IPE_COMMAND_CONFIGURE = 5,
+    IPE_COMMAND_MARK = 6,
+} ipe_command_kind_t;
+
+typedef struct {
+    int64_t sequence;       ///< the sender's count
+    int64_t t_ns;           ///< host time of sending
+    int64_t sender;
+    int kind;               ///< ipe_command_kind_t, or any other number: not known here
+    const char* text;       ///< terminated; a view into the message
+    const uint8_t* config;  ///< n_config bytes; a view into the message
+    size_t n_config;
+} ipe_command_t;
+
+/// Read a command_t of n bytes. 0, or -1: it is none of this version, or cut. No state.
+int ipe_command_decode(const uint8_t* data, size_t n, ipe_command_t* command);
+
+#endif

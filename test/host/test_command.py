@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands to a running daemon: each is carried out, recorded and answered with what changed or why not."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import COGIRO, ISOLATED, TOP
+
+from inertiad import compile as compiler
+from inertiad import lcmlog
+from inertiad import robot as description
+from inertiad_lcm import command_t, estimate_t, event_t, robot_config_t
+
+DAEMON = TOP / "build/bin/inertiad"
+SETTINGS = "[estimator]\nestimate_rate = 20\nmemory = 600\n"
+
+
+def compiled(toml: Path) -> None:
+    compiler.write(toml.with_suffix(".cfg"), description.load(toml), str(toml))
+
+
+def simulated(folder: Path, *more: str) -> Path:
+    command = [TOP / "build/bin/inertiactl", "simulate", COGIRO / "robot.toml", "-o", folder, "--seed", "11", *more]
+    subprocess.run([*map(str, command), "--rate", "100"], check=True, capture_output=True)
+    compiled(folder / "robot.toml")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory) -> Path:
+    """A run of the paper's motion, with three more configurations."""
+    folder = simulated(tmp_path_factory.mktemp("moving"))
+    text = (folder / "robot.toml").read_text()
+    (folder / "settings.toml").write_text(text + SETTINGS)
+    (folder / "other.toml").write_text(re.sub(r"^mass = .*", "mass = 150.0", text, flags=re.M))
+    for name in ("settings", "other"):
+        compiled(folder / f"{name}.toml")
+    damaged = bytearray((folder / "robot.cfg").read_bytes())
+    damaged[100] ^= 1
+    (folder / "damaged.cfg").write_bytes(damaged)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def resting(tmp_path_factory) -> Path:
+    return simulated(tmp_path_factory.mktemp("resting"), "--trajectory", "hold", "--duration", "8")
+
+
+def session(run: Path, steps: list[str], *more: object) -> tuple[list[dict], dict]:
+    """Answers and events in order, and the daemon's end."""
+    daemon = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log?speed=1"]
+    arguments = [*daemon, "--tracker", f"file:{run}/tracker.csv", *more, "--", *steps]
+    command = [*ISOLATED, sys.executable, TOP / "test/host/session.py", *arguments]
+    result = subprocess.run([str(a) for a in command], capture_output=True, text=True, timeout=90)
+    lines = [json.loads(line) for line in result.stdout.splitlines()]
+    assert lines and "status" in lines[-1], result.stderr
+    assert lines[-1]["status"] == 0
+    return lines[:-1], lines[-1]
+
+
+def answers(lines: list[dict]) -> list[tuple[bool, str]]:
+    return [(line["done"], line["answer"]) for line in lines if "answer" in line]
+
+
+def test_every_command_is_answered_recorded_and_counted(moving, tmp_path):
+    record = tmp_path / "run.lcmlog"
+    steps = ["2", "freeze", "0.3", "freeze", "resume", "reset", "tare", "mark=load on", f"configure={moving}/robot.cfg"]
+    steps += [f"configure={moving}/settings.cfg", "0.7", f"configure={moving}/damaged.cfg"]
+    steps += [f"configure={moving}/other.cfg"]
+    lines, end = session(moving, steps, "--record", record)
+    expected = [
+        (True, r"freeze done: frozen after \d+ windows"),
+        (True, r"freeze done: frozen already, \d+ windows"),
+        (True, r"resume done: learning after \d+ windows"),
+        (True, r"reset done: \d+ windows forgotten; starting from the prior"),
+        (False, r"tare refused: moving: the attitude changes"),
+        (True, r"mark done: load on"),
+        (True, r"configure done: the same configuration, nothing changed"),
+        (True, r"configure done: memory, estimate_rate changed; what was learnt stays"),
+        (False, r"configure refused: damaged or not a compiled configuration \(CRC differs\).*"),
+        (True, r"configure done: .*prior_theta.* changed; starting from the prior"),
+    ]
+    got = answers(lines)
+    assert [done for done, _ in got] == [done for done, _ in expected]
+    for (_, text), (_, pattern) in zip(got, expected, strict=True):
+        assert re.fullmatch(pattern, text), text
+    n = end["counters"]
+    assert (n["command.done"], n["command.refused"], n["lcm.commands"]) == (8, 2, 10)
+    assert n["window.windows"] == n["rls.updates"] + n["estimate.frozen"] + n["detect.held"]
+    lost = ("overrun", "force.missing", "force.late", "position.missing", "position.late")
+    assert n["align.imu.samples"] == n["align.rows"] + sum(n[f"align.{cause}"] for cause in lost)
+    events = list(lcmlog.read(record))
+    recorded = [event_t.decode(e.data) for e in events if e.channel == "INERTIAD_EVENT"]
+    assert [e.text for e in recorded if e.kind != event_t.NEWS] == [text for _, text in got]
+    assert [command_t.decode(e.data).text for e in events if e.channel == "INERTIAD_COMMAND"].count("load on") == 1
+    configs = [robot_config_t.decode(e.data) for e in events if e.channel == "INERTIAD_CONFIG"]
+    assert [c.estimate_rate for c in configs] == [50.0, 20.0, 50.0]
+
+
+def test_frozen_estimate_stays_and_resumed_one_goes_on(moving, tmp_path):
+    record = tmp_path / "run.lcmlog"
+    session(moving, ["1", "freeze", "1", "resume", "1"], "--record", record)
+    log = list(lcmlog.read(record))
+    at = [i for i, e in enumerate(log) if e.channel == "INERTIAD_COMMAND"]
+    windows = [[], [], []]
+    for i, event in enumerate(log):
+        if event.channel == "INERTIAD_ESTIMATE":
+            windows[sum(i > k for k in at)].append(estimate_t.decode(event.data).n_windows)
+    assert len(windows[1]) > 30 and len(set(windows[1])) == 1
+    assert windows[2][-1] > windows[1][-1] + 5
+    assert 0 <= windows[1][0] - windows[0][-1] <= 1
+
+
+def test_tare_at_rest_finds_the_bias_and_survives_a_restart(resting, tmp_path):
+    record, state = tmp_path / "run.lcmlog", tmp_path / "state"
+    lines, _ = session(resting, ["3.5", "tare", "0.5"], "--record", record, "--checkpoint", state)
+    [(done, text)] = answers(lines)
+    assert done, text
+    found = [float(x) for x in re.findall(r"-?\d\.\d{6}", text)][:3]
+    truth = json.loads((resting / "truth.json").read_text())["gyro_bias"]
+    assert found == pytest.approx(truth, abs=1e-4) and max(map(abs, truth)) > 3e-4
+    configs = [robot_config_t.decode(e.data) for e in lcmlog.read(record) if e.channel == "INERTIAD_CONFIG"]
+    assert list(configs[-1].gyro_bias) == pytest.approx(found, abs=1e-6)
+    assert list(configs[0].gyro_bias) != list(configs[-1].gyro_bias)
+    session(resting, ["0.5"], "--record", tmp_path / "next.lcmlog", "--checkpoint", state)
+    first = next(lcmlog.read(tmp_path / "next.lcmlog"))
+    assert list(robot_config_t.decode(first.data).gyro_bias) == list(configs[-1].gyro_bias)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["melt"], 'command "melt": allowed: freeze, resume, reset, tare, configure, mark'),
+        (["mark"], "command mark: TEXT is missing"),
+        (["freeze", "now"], 'command freeze: "now" is not wanted'),
+        (["configure", "nowhere.cfg"], "nowhere.cfg: No such file or directory"),
+        (["mark", "x" * 201], "command mark: allowed: one line of at most 200 bytes"),
+        (["freeze", "--lcm", "nonsense://"], "--lcm nonsense://: cannot open"),
+        (["freeze", "--lcm", "memq://", "--wait", "0.1"], "no answer on INERTIAD_EVENT within 0.1 s"),
+    ],
+)
+def test_unusable_commands_are_one_line_and_exit_2(arguments, message):
+    command = [sys.executable, "-m", "inertiad", "command", *arguments]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
+    assert result.returncode == 2 and result.stdout == ""
+    assert len(result.stderr.splitlines()) == 1 and message in result.stderr
+
+
+def test_client_prints_the_answer_and_exits_by_it(moving):
+    script = f"""
+{DAEMON} --config {moving}/robot.cfg --bus 'file:{moving}/can.log?speed=1' --tracker file:{moving}/tracker.csv &
+sleep 1
+{sys.executable} -m inertiad command freeze; echo $?
+{sys.executable} -m inertiad command tare; echo $?
+kill $!; wait $!
+"""
+    result = subprocess.run([*ISOLATED, "sh", "-c", script], capture_output=True, text=True, timeout=60, cwd=TOP)
+    lines = result.stdout.splitlines()
+    assert lines[0].startswith("freeze done: ") and lines[1] == "0", result.stderr
+    assert lines[2].startswith("tare refused: ") and lines[3] == "1"
