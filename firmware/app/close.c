@@ -45,6 +45,7 @@ bool daemon_close(daemon_t* d)
     health_count(d);
     ipe_publish_close(&d->publisher);
     ipe_inbox_close(&d->inbox);
+    ipe_notify_close(&d->notify);
     ipe_counters_print(&d->counters);
     return is_good;
 }

@@ -13,6 +13,7 @@
 #include "config_file.h"
 #include "counters.h"
 #include "inbox.h"
+#include "notify.h"
 #include "options.h"
 #include "pipeline.h"
 #include "publish.h"
@@ -50,6 +51,7 @@ typedef struct {
     ipe_checkpoint_t checkpoint;
     ipe_counters_t counters;  ///< as last counted
 
+    ipe_notify_t notify;
     int epoll_fd, signal_fd, second_fd, pace_fd;
     bool is_done;
     bool is_replay_runnable;
@@ -60,6 +62,7 @@ typedef struct {
 
     health_carried_t carried;
     uint64_t n_commands_done, n_commands_refused;
+    uint64_t n_frames_reported;   ///< in the last status
     int n_ticks;                  ///< since the last checkpoint
     uint64_t n_changes_reported;  ///< payload changes
     uint64_t n_lost_reported;     ///< messages that the record lacks

@@ -15,6 +15,8 @@ int main(int argc, char** argv)
     const int help = options_read(&self.option, argc, argv);
     if (help != 0) { return help > 0 ? STATUS_GOOD : STATUS_USAGE; }
     if (daemon_open(&self) != 0) { return STATUS_USAGE; }
+    ipe_notify_send(&self.notify, "READY=1\nSTATUS=waiting for frames");
     loop_run(&self);
+    ipe_notify_send(&self.notify, "STOPPING=1");
     return daemon_close(&self) ? STATUS_GOOD : STATUS_NOT_WRITTEN;
 }

@@ -6,6 +6,7 @@
 #include "loop.h"
 #include "message.h"
 
+#include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -50,6 +51,21 @@ void monitor_record(daemon_t* d)
     ipe_publish_event(&d->publisher, flow_now(d), "record", text);
 }
 
+/// Feed the watchdog and say in one line how it goes.
+static void report_status(daemon_t* d)
+{
+    char mass[64] = "no estimate yet";
+    unsigned n_up = 0;
+    const ipe_estimate_t* e = &d->pipeline->estimate;
+    const uint64_t n_frames = health_frames(d);
+    for (unsigned i = 0; i < d->n_interfaces; ++i) { n_up += d->interface[i].is_up ? 1 : 0; }
+    if (e->n_windows > 0) { (void)snprintf(mass, sizeof mass, "%.3f +- %.3f kg", e->body.mass, e->body.mass_std); }
+    ipe_notify_send(&d->notify, "WATCHDOG=1\nSTATUS=%" PRIu64 " frames/s, %s%s, %u of %u interfaces up",
+                    n_frames - d->n_frames_reported, mass, d->pipeline->is_frozen ? ", frozen" : "", n_up,
+                    d->n_interfaces);
+    d->n_frames_reported = n_frames;
+}
+
 void monitor_tick(daemon_t* d)
 {
     for (unsigned i = 0; i < d->n_interfaces; ++i) { tick_interface(d, i); }
@@ -64,4 +80,5 @@ void monitor_tick(daemon_t* d)
         health_send(d, flow_now(d));
     }
     d->was_health_sent = false;
+    report_status(d);
 }

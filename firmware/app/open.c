@@ -18,6 +18,7 @@
 
 enum { RECORD_LIMIT_MAX = 1000000 };
 static const double SPEED_MAX = 1e6;
+static const int64_t WATCHDOG_MIN_NS = 2 * NS_PER_S;
 
 int daemon_refuse(const char* name, const char* reason)
 {
@@ -278,11 +279,22 @@ static int open_real_time(const daemon_t* d)
     return 0;
 }
 
+/// Whoever started us may want to know how we are; that alone is no reason not to run.
+static void open_notify(daemon_t* d)
+{
+    if (ipe_notify_open(&d->notify) != 0) { ipe_message("NOTIFY_SOCKET: %s; going on without", strerror(errno)); }
+    if (d->notify.watchdog_ns > 0 && d->notify.watchdog_ns < WATCHDOG_MIN_NS) {
+        ipe_message("WatchdogSec=%.3g s: it is fed once a second only; make it 2 s or more",
+                    (double)d->notify.watchdog_ns / (double)NS_PER_S);
+    }
+}
+
 int daemon_open(daemon_t* d)
 {
     char reason[REASON_SIZE];
     d->pipeline = &d->pipelines[0];
     ipe_rest_init(&d->rest);
+    open_notify(d);
     if (open_config(d) != 0) { return -1; }
     if (ipe_pipeline_init(d->pipeline, &d->config, reason, sizeof reason) != IPE_OK) {
         return daemon_refuse(d->option.config, reason);

@@ -166,11 +166,11 @@ static void sync_file(ipe_record_t* r)
 static bool begin_file(ipe_record_t* r, int64_t t_us)
 {
     uint8_t start[IPE_RECORD_HEADER + IPE_RECORD_NAME_MAX];
-    const char* channel = r->option.config_channel;
-    const size_t n_channel = strlen(channel);
+    const ipe_record_options_t* o = &r->option;
+    const size_t n_channel = strlen(o->config_channel);
     const size_t n_start = IPE_RECORD_HEADER + n_channel;
     put_header(start, r->last_number, t_us, n_channel, r->n_config);
-    memcpy(start + IPE_RECORD_HEADER, channel, n_channel);
+    memcpy(start + IPE_RECORD_HEADER, o->config_channel, n_channel);
     struct iovec piece[2] = {{start, n_start}, {r->config, r->n_config}};
     r->file_begin_us = t_us;
     r->has_begun = append(r, piece, 2, n_start + r->n_config);
