@@ -4,6 +4,7 @@
 Exit codes: 0 good, 1 a check failed, 2 bad usage or input, with one line on stderr.
 """
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -42,6 +43,11 @@ def _progress() -> Iterator[Callable[[str], None]]:
         return
     with console.status("start") as status:
         yield lambda step: status.update(f"{step} ...")
+
+
+def _command() -> str:
+    """What was typed."""
+    return shlex.join(["inertiactl", *sys.argv[1:]])
 
 
 def _say(text: str) -> None:
@@ -288,6 +294,30 @@ def fit(
         _say(f"diagnosis: {finding}")
     if json is not None:
         fitter.write(json, fitter.document(described, estimate, recordings, held_out))
+
+
+@app.command(epilog="Example: inertiactl report run1 run2 -o report.html --figures figures")
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders, signals CSVs or LCM logs.")],
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN.")
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write every figure there as PNG and PDF, too.")
+    ] = None,
+) -> None:
+    """One page about runs of one body: verdict, result, what limits it, what to do next. Opens without a network."""
+    from inertiad import report as reporter
+
+    page = output or (runs[0] / "report.html" if len(runs) == 1 and runs[0].is_dir() else Path("report.html"))
+    with _progress() as progress:
+        spoken = reporter.write(runs, robot, page, figures, _command(), progress)
+    for line in spoken:
+        _say(line)
+    _say(f"{page}: written")
 
 
 @app.command(epilog="Example: inertiactl calibrate robot.toml run1 run2 --payload run2=20.0 -o calibration.toml")

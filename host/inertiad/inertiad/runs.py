@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded runs -> aligned rows, through the same C stages as the daemon.
 
-A run is a folder with robot.toml, can.log and tracker.csv, or a signals CSV (with pos_x,pos_y,pos_z, or tracker.csv
-beside it) and a robot description. What a CSV lacks, rates or specific force, is derived from the other columns; see
-sources.py.
+A run is a folder with robot.toml, can.log and tracker.csv; a signals CSV (with pos_x,pos_y,pos_z, or tracker.csv
+beside it) and a robot description; or an LCM log of the daemon, whose rows are taken as they were published. What a
+CSV lacks, rates or specific force, is derived from the other columns; see sources.py.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import inertiad_core
-from inertiad import compile, encode, quantity, sources, table
+from inertiad import compile, encode, lcmlog, quantity, sources, table
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.robot import Robot
@@ -48,12 +48,17 @@ def config_of(robot: Robot, source: str) -> Any:
     return inertiad_core.Config(compile.compile_robot(robot, source))
 
 
-def _read_folder(folder: Path, robot_file: Path | None) -> Recording:
-    own = folder / "robot.toml"
-    file = own if own.exists() else robot_file
+def robot_of(path: Path, robot_file: Path | None = None) -> Robot:
+    """The description that belongs to a run: a folder's own before robot_file, robot_file before one beside a file."""
+    own = path / "robot.toml" if path.is_dir() else path.with_name("robot.toml")
+    found = own if own.exists() else None
+    file = found or robot_file if path.is_dir() else robot_file or found
     if file is None:
         raise InputError(f"{own}: not there: allowed: with --robot ROBOT")
-    robot = description.load(file)
+    return description.load(file)
+
+
+def _read_folder(folder: Path, robot: Robot) -> Recording:
     log, tracker = folder / "can.log", folder / "tracker.csv"
     if not log.exists():
         raise InputError(f"{log}: not there: allowed: a run folder with can.log, or a signals CSV")
@@ -64,13 +69,46 @@ def _read_folder(folder: Path, robot_file: Path | None) -> Recording:
     interfaces = [""] if n_buses == 1 else [f"can{i}" for i in range(n_buses)]
     try:
         pipeline = inertiad_core.read_run(
-            config_of(robot, str(file)), [str(log)] * n_buses, interfaces, str(tracker) if needs_tracker else ""
+            config_of(robot, str(folder)), [str(log)] * n_buses, interfaces, str(tracker) if needs_tracker else ""
         )
     except ValueError as error:
         raise InputError(str(error)) from None
     counters = {k: int(v) for k, v in pipeline.counters.items()}
     rejected = sum(counters[name] for name in (*LOST, "wrench.bad_geometry"))
     return Recording(folder, robot, inertiad_core.rows_of(pipeline), counters["decode.frames"], rejected, counters)
+
+
+def without_positions(folder: Path, robot: Robot) -> Recording:
+    """A run folder's rows as if the platform stood still among its anchors: for a look at what else was recorded.
+
+    The rows may be none. InputError: no can.log.
+    """
+    middle = np.mean([cable.anchor for cable in robot.cable], axis=0).tolist()
+    still = robot.position.model_copy(update={"source": "fixed", "fixed": middle})
+    return _read_folder(folder, robot.model_copy(update={"position": still}))
+
+
+def _messages(log: Path, name: str, kind: Any) -> list[Any]:
+    """All messages of one kind in an LCM log, whatever the daemon's channel prefix."""
+    return [lcmlog.decode(kind, event, log) for event in lcmlog.read(log) if event.channel.endswith(f"_{name}")]
+
+
+def _read_lcm(log: Path, robot: Robot) -> Recording:
+    """What a daemon published: its aligned rows, its counters."""
+    from inertiad_lcm import health_t, signals_t
+
+    rows = [row for message in _messages(log, "SIGNALS", signals_t) for row in message.row]
+    if any(row.n_cables != robot.n_cables for row in rows):
+        raise InputError(f"{log}: {rows[0].n_cables} cables: allowed: {robot.n_cables}, as in the robot description")
+    width = {"acc": 3, "gyro": 3, "q": 4, "position": 3, "f": robot.n_cables}
+    columns = [np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items()]
+    health = _messages(log, "HEALTH", health_t)
+    counters = {c.name: c.value for c in health[-1].counter} if health else {}
+    t_ns = np.array([row.t_ns for row in rows], dtype=np.int64)
+    rejected = sum(counters.get(name, 0) for name in (*LOST, "wrench.bad_geometry"))
+    return Recording(
+        log, robot, inertiad_core.Rows(t_ns, *columns), counters.get("decode.frames", 0), rejected, counters
+    )
 
 
 def _positions(signals: Table, file: Path, robot: Robot) -> Table:
@@ -88,11 +126,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
     return table.read(beside, ["t", "x", "y", "z"])
 
 
-def _read_signals(file: Path, robot_file: Path | None) -> Recording:
-    beside = file.with_name("robot.toml")
-    if robot_file is None and not beside.exists():
-        raise InputError(f"{file}: allowed: with --robot ROBOT, or robot.toml beside it")
-    robot = description.load(robot_file or beside)
+def _read_signals(file: Path, robot: Robot) -> Recording:
     signals = encode._with_attitude(table.read(file, encode.signal_columns(robot)))
     for name in (quantity.QUATERNION[0], *quantity.forces(robot.n_cables)):
         if name not in signals.columns:
@@ -119,8 +153,16 @@ def _aligned(robot: Robot, signals: Table, positions: Table, source: str) -> Any
 
 
 def read(path: Path, robot_file: Path | None = None) -> Recording:
-    """A run folder or a signals CSV. InputError: a file is missing or unusable, or nothing in it lines up."""
-    run = _read_folder(path, robot_file) if path.is_dir() else _read_signals(path, robot_file)
+    """A run folder, a signals CSV or an LCM log. InputError: a file is missing or unusable, or nothing in it lines up.
+
+    A folder without can.log is read from the run.lcmlog in it.
+    """
+    log = path / "run.lcmlog" if path.is_dir() and not (path / "can.log").exists() else path
+    robot = robot_of(path, robot_file)
+    if log.suffix == ".lcmlog" and log.exists():
+        run = _read_lcm(log, robot)
+    else:
+        run = _read_folder(path, robot) if path.is_dir() else _read_signals(path, robot)
     if len(run.rows) == 0:
         lost = ", ".join(
             f"{k} {v}" for k, v in run.counters.items() if v and k.split(".")[0] in ("decode", "group", "align")

@@ -129,6 +129,43 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
     return rows;
 }
 
+/// What the platform's filter makes of aligned rows, estimate by estimate.
+nb::dict track(const inertiad::Config& config, const Rows& rows)
+{
+    OwnedPipeline pipeline(config);
+    ipe_align_t& align = pipeline.state->align;
+    std::fill_n(align.delay_ns, IPE_SENSOR_COUNT, 0);  // rows are stamped with the measured instant
+    align.has_rpy = false;
+    std::vector<ipe_estimate_t> found;
+    for (const ipe_row_t& row : rows.row) {
+        double imu[10];
+        std::copy_n(row.acc, 3, imu), std::copy_n(row.gyro, 3, imu + 3), std::copy_n(row.q, 4, imu + 6);
+        (void)ipe_align_push(&align, IPE_FORCE, row.t_ns, row.f);
+        (void)ipe_align_push(&align, IPE_POSITION, row.t_ns, row.position);
+        (void)ipe_align_push(&align, IPE_IMU, row.t_ns, imu);
+        ipe_row_t again;
+        for (int status; (status = pipeline.view.step(again)) != IPE_NOT_READY;) {
+            if (status == IPE_OK) { found.push_back(pipeline.view.estimate()); }
+        }
+    }
+    const std::size_t n = found.size();
+    Out<1> t({n}), nis({n}), changes({n});
+    Out<2> value({n, 10}), std({n, 10});
+    for (std::size_t k = 0; k < n; ++k) {
+        const ipe_body_t& b = found[k].body;
+        t.data[k] = 1e-9 * static_cast<double>(found[k].t_ns);
+        nis.data[k] = found[k].nis, changes.data[k] = static_cast<double>(found[k].n_changes);
+        value.data[10 * k] = b.mass, std.data[10 * k] = b.mass_std;
+        std::copy_n(b.cog, 3, value.data + 10 * k + 1), std::copy_n(b.cog_std, 3, std.data + 10 * k + 1);
+        std::copy_n(b.inertia_cog, 6, value.data + 10 * k + 4);
+        std::copy_n(b.inertia_cog_std, 6, std.data + 10 * k + 4);
+    }
+    nb::dict d;
+    d["t"] = t.release(), d["value"] = value.release(), d["std"] = std.release();
+    d["nis"] = nis.release(), d["n_changes"] = changes.release();
+    return d;
+}
+
 /// A member of all rows as [N, n].
 template <typename Read>
 nb::ndarray<nb::numpy, double> column(const Rows& rows, std::size_t n, Read read)
@@ -256,6 +293,10 @@ void bind_batch(nb::module_& m)
     m.def(
         "align_signals", &align_signals, "config"_a, "t_ns"_a, "imu"_a, "f"_a, "position_t_ns"_a, "position"_a,
         "Rows of imu [N,10] (acc, gyro, q w x y z), f [N,m] at t_ns [N] and position [K,3] at position_t_ns [K]. align.h");
+    m.def(
+        "track", &track, "config"_a, "rows"_a,
+        "dict of t [K] s, value and std [K,10] of mass, CoG, inertia, nis [K], n_changes [K]: every estimate that the "
+        "platform's filter makes of the rows. pipeline.h");
     m.def(
         "undelayed",
         [](const Rows& r, double position, double force) {

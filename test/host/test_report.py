@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: Apache-2.0
+"""report: the page in a real browser, the sensor it names, the words for runs that tell nothing."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Browser, browser
+from conftest import COGIRO, TOP
+
+import inertiad_core
+from inertiad import fit, report, runs, table
+from inertiad.report import facts as gathering
+from inertiad.report import figure, interactive, page, printed, verdict
+from inertiad.report.facts import Facts
+
+SIGNALS = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z", "q_w", "q_x", "q_y", "q_z")
+BROKEN = 2
+"""index of the cable whose sensor is spoilt"""
+
+
+def ignore(step: str) -> None:
+    """Progress nobody looks at."""
+
+
+def inertiactl(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "inertiad", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=TOP)
+
+
+def simulated(folder: Path, *options: object) -> Path:
+    done = inertiactl("simulate", COGIRO / "robot.toml", *options, "-o", folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("report") / "good", "--rate", 100, "--seed", 3)
+
+
+@pytest.fixture(scope="module")
+def again(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("report") / "again", "--rate", 50, "--seed", 4)
+
+
+def spoilt(good: Path, folder: Path, fault: str) -> Path:
+    """The run as signals CSV, with one force sensor that misbehaves from the middle on."""
+    rows = runs.read(good).rows
+    f, late = rows.f.copy(), rows.t > rows.t[len(rows) // 2]
+    match fault:
+        case "jump":
+            f[late, BROKEN] += 60.0
+        case "stuck":
+            f[late, BROKEN] = f[late, BROKEN][0]
+        case "drift":
+            f[:, BROKEN] += 3.0 * (rows.t - rows.t[0])
+        case "noise":
+            f[:, BROKEN] += 100.0 * np.random.default_rng(1).standard_normal(len(f))
+    names = [*SIGNALS, *(f"f_{i + 1}" for i in range(f.shape[1])), "pos_x", "pos_y", "pos_z"]
+    columns = np.column_stack([rows.t, rows.acc, rows.gyro, rows.q, f, rows.position])
+    folder.mkdir(exist_ok=True)
+    file = folder / "signals.csv"
+    np.savetxt(file, columns, fmt="%.9g", delimiter=",", header=",".join(["t", *names]), comments="")
+    (folder / "robot.toml").write_text((good / "robot.toml").read_text())
+    for dbc in good.glob("*.dbc"):
+        (folder / dbc.name).write_bytes(dbc.read_bytes())
+    return file
+
+
+def gathered(*paths: Path) -> Facts:
+    return gathering.gather(list(paths), None, "inertiactl report", ignore)
+
+
+def levels(found: verdict.Verdict) -> dict[str, str]:
+    return {finding.text: finding.level for finding in found.findings}
+
+
+# ---- words -----------------------------------------------------------------------------------------------------------
+
+
+def test_good_run_is_called_good_and_says_what_limits_it(good: Path) -> None:
+    found = verdict.judge(gathered(good))
+    assert found.level == "good", found
+    accuracy = next(f for f in found.findings if f.text.startswith("mass to"))
+    assert "% of the variance is" in accuracy.action or "limited by noise" in accuracy.action
+
+
+@pytest.mark.parametrize("fault", ["jump", "stuck", "drift", "noise"])
+def test_broken_force_sensor_is_named_and_the_others_give_the_body(good: Path, tmp_path: Path, fault: str) -> None:
+    facts = gathered(spoilt(good, tmp_path / fault, fault))
+    check = facts.force_check
+    assert check is not None and check.broken == BROKEN and check.worst == BROKEN
+    found = verdict.judge(facts)
+    assert found.level == "bad" and found.headline == "Do not use this result yet"
+    assert any(f"force sensor of cable {BROKEN + 1} does not fit" in text for text in levels(found))
+    assert check.body is not None
+    error = np.abs(np.array(check.body.value[:4]) - [161.058, -0.001, -0.077, -0.118])
+    assert (error < np.array([2.5, 0.01, 0.01, 0.01])).all(), check.body
+
+
+def test_jump_is_shown_with_its_size(good: Path, tmp_path: Path) -> None:
+    check = gathered(spoilt(good, tmp_path / "jump", "jump")).force_check
+    assert check is not None and check.error is not None
+    half = len(check.error) // 2
+    assert np.median(check.error[half + 5 :]) - np.median(check.error[: half - 5]) == pytest.approx(60.0, abs=6.0)
+
+
+def test_healthy_sensors_are_not_accused(good: Path, again: Path) -> None:
+    for path in (good, again):
+        check = gathered(path).force_check
+        assert check is not None and check.broken is None
+
+
+def test_each_run_is_predicted_from_the_others_alone(good: Path, again: Path) -> None:
+    facts = gathered(good, again)
+    assert not facts.other_bodies
+    config = runs.config_of(facts.robot, "test")
+    others = fit.joint(config, [runs.read(again)])
+    alone = fit.validate(config, others, runs.read(good))
+    assert facts.runs[0].prediction is not None
+    np.testing.assert_array_equal(facts.runs[0].prediction.tension_rms, alone.tension_rms)
+
+
+def test_runs_of_different_bodies_are_told_apart(good: Path, tmp_path: Path) -> None:
+    heavier = simulated(tmp_path / "heavier", "--rate", 50, "--seed", 4, "--mass", 181.058)
+    found = verdict.judge(gathered(good, heavier))
+    assert found.level == "bad"
+    assert any(
+        re.search(r"heavier and .*good saw different bodies: mass differs by \+(19|20)", t) for t in levels(found)
+    )
+
+
+def test_convergence_is_the_daemons_own_estimate(good: Path) -> None:
+    history = gathered(good).runs[0].history
+    config = runs.config_of(runs.robot_of(good), "test")
+    end = inertiad_core.read_run(config, [f"{good}/can.log"], [""], f"{good}/tracker.csv").estimate
+    assert history is not None
+    np.testing.assert_array_equal(history.value[-1], [end["mass"], *end["cog"], *end["inertia_cog"]])
+    np.testing.assert_array_equal(history.std[-1], [end["mass_std"], *end["cog_std"], *end["inertia_cog_std"]])
+
+
+def test_shares_of_the_variance_are_shares(good: Path) -> None:
+    u = gathered(good).uncertainty
+    assert u is not None
+    for name, share in u.share.items():
+        assert (share >= -1e-9).all() and (share <= 1.0 + 1e-9).all(), name
+    assert (u.alone <= u.found * (1.0 + 1e-9)).all() and (u.found < u.prior).all()
+
+
+# ---- runs that tell nothing ------------------------------------------------------------------------------------------
+
+
+def without_tracker(run: Path) -> None:
+    (run / "tracker.csv").unlink()
+
+
+def empty(run: Path) -> None:
+    (run / "can.log").write_text("")
+
+
+def shortened(seconds: float) -> object:
+    def cut(run: Path) -> None:
+        lines = (run / "can.log").read_text().splitlines(keepends=True)
+        (run / "can.log").write_text("".join(lines[: int(600 * seconds)]))
+
+    return cut
+
+
+@pytest.mark.parametrize(
+    ("damage", "words", "n_figures"),
+    [
+        (without_tracker, "no positions: no tracker.csv", 2),
+        (empty, "can.log is empty", 0),
+        (shortened(0.005), "no sample is whole", 0),
+        (shortened(0.3), "no whole window", 2),
+        (shortened(1.0), "1.0 s are short", 13),
+    ],
+)
+def test_run_that_tells_little_gets_words_and_no_empty_figure(good, tmp_path, damage, words, n_figures) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    for file in good.iterdir():
+        if file.suffix != ".html":
+            (run / file.name).write_bytes(file.read_bytes())
+    damage(run)
+    result = inertiactl("report", run)
+    assert result.returncode == 0 and "Traceback" not in result.stderr, result.stderr
+    assert words in result.stderr
+    made = report.page_of(gathered(run))
+    drawn = page.drawings_of(made)
+    assert len(drawn) == n_figures
+    for drawing in drawn:
+        assert all(trace.get("x") for trace in interactive.document(drawing)["data"]), drawing.key
+
+
+def test_what_is_not_a_run_is_refused_in_one_line(tmp_path: Path) -> None:
+    for path, words in ((tmp_path / "nothing", "No such file"), (tmp_path, "robot.toml: not there")):
+        result = inertiactl("report", path)
+        assert result.returncode == 2 and words in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_log_of_the_daemon_gives_the_same_body_as_its_input(good: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "recorded"
+    folder.mkdir()
+    for file in (*good.glob("*.dbc"), good / "robot.toml"):
+        (folder / file.name).write_bytes(file.read_bytes())
+    assert inertiactl("compile", good / "robot.toml", "-o", folder / "robot.cfg").returncode == 0
+    daemon = [str(TOP / "build/bin/inertiad"), "--config", str(folder / "robot.cfg")]
+    inputs = ["--bus", f"file:{good}/can.log?speed=0", "--tracker", f"file:{good}/tracker.csv"]
+    log = ["--lcm", f"file://{folder}/run.lcmlog?mode=w"]
+    subprocess.run([*daemon, *inputs, *log], check=True, capture_output=True)
+    there, here = gathered(folder).joint, gathered(good).joint
+    assert there is not None and here is not None
+    np.testing.assert_allclose(there.body.value, here.body.value, rtol=1e-9, atol=1e-12)
+
+
+# ---- drawings --------------------------------------------------------------------------------------------------------
+
+
+def test_thinned_line_keeps_every_peak() -> None:
+    y = np.zeros(100_000)
+    y[[777, 54_321]] = 1.0, -1.0
+    x, thin = figure.thinned(np.arange(len(y), dtype=float), y)
+    assert len(thin) <= figure.POINTS_MAX + 2 and thin.max() == 1.0 and thin.min() == -1.0
+    assert {777.0, 54_321.0} <= set(x.tolist())
+
+
+def test_drawings_of_every_kind_are_written_as_png_and_pdf(good: Path, tmp_path: Path) -> None:
+    made = {drawing.key: drawing for drawing in page.drawings_of(report.page_of(gathered(good)))}
+    assert len(made) >= 12
+    for key in ("platform", "tensions", "limits"):
+        printed.write(made[key], tmp_path)
+        assert (tmp_path / f"{key}.png").read_bytes().startswith(b"\x89PNG")
+        assert (tmp_path / f"{key}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_names_from_files_are_text_on_the_page(good: Path, tmp_path: Path) -> None:
+    text = (good / "robot.toml").read_text()
+    evil = "</script><script>window.broken=1</script>"
+    folder = tmp_path / "evil"
+    spoilt(good, folder, "none")
+    (folder / "robot.toml").write_text(re.sub(r'(?m)^name = ".*"', f'name = "{evil}"', text))
+    html = page.render(report.page_of(gathered(folder / "signals.csv")))
+    assert evil not in html and "&lt;/script&gt;" in html
+
+
+# ---- the browser -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def written(good: Path, again: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "report.html"
+    result = inertiactl("report", good, again, "-o", file)
+    assert result.returncode == 0, result.stderr
+    return file
+
+
+@pytest.fixture(scope="module")
+def opened(written: Path):
+    with browser() as shown:
+        shown.show(1200, 900)
+        shown.open(written)
+        yield shown
+
+
+def test_page_is_one_file_below_8_MB_that_asks_for_nothing(written: Path, opened: Browser) -> None:
+    assert written.stat().st_size < 8e6
+    assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
+    assert opened.requests[0] == written.resolve().as_uri()
+
+
+def test_page_draws_everything_without_complaint(opened: Browser) -> None:
+    assert opened.complaints == []
+    drawn = opened.ask(
+        """[...document.querySelectorAll(".drawing")].map((box) => ({
+            key: box.dataset.key,
+            height: box.clientHeight,
+            is_flat: box.classList.contains("flat"),
+            marks: box.querySelectorAll(".trace, .point, .points path, .hm image, .heatmaplayer image").length,
+        }))"""
+    )
+    assert len(drawn) == int(opened.ask("document.documentElement.dataset.drawn")) >= 13
+    for box in drawn:
+        assert box["height"] > 100, box
+        assert not box["is_flat"] or box["marks"] > 0, box
+
+
+def test_solid_is_really_drawn_and_turns(opened: Browser) -> None:
+    """WebGL pixels: many colours, and other ones after a turn of the camera."""
+    snapshot = """(async () => {
+        const url = await Plotly.toImage(document.querySelector(".scene"), {format: "png", width: 500, height: 350});
+        const image = new Image(); image.src = url; await image.decode();
+        const canvas = document.createElement("canvas"); canvas.width = 500; canvas.height = 350;
+        const context = canvas.getContext("2d", {willReadFrequently: true}); context.drawImage(image, 0, 0);
+        return [...context.getImageData(0, 0, 330, 350).data];
+    })()"""
+    before = np.array(opened.ask(snapshot)).reshape(-1, 4)
+    assert len(np.unique(before[:, :3], axis=0)) > 200
+    turn = """Plotly.relayout(document.querySelector(".scene"), {"scene.camera.eye": {x: -1, y: 1, z: 1}})"""
+    opened.ask(f"{turn}.then(() => 0)")
+    after = np.array(opened.ask(snapshot)).reshape(-1, 4)
+    assert (np.abs(after - before).max(axis=1) > 30).mean() > 0.01
+
+
+def test_page_follows_theme_and_width_and_prints(opened: Browser, tmp_path: Path) -> None:
+    ink = """getComputedStyle(document.querySelector(".flat .xtick text")).fill"""
+    light = opened.ask(ink)
+    opened.show(1200, 900, "dark")
+    opened.wait(f"{ink} !== {light!r}")
+    opened.show(420, 900)
+    opened.wait("[...document.querySelectorAll('.flat')].every((box) => box._fullLayout.width <= 420)")
+    assert opened.ask("document.documentElement.scrollWidth") <= 420
+    opened.show(1200, 900)
+    opened.print(tmp_path / "page.pdf")
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    assert opened.complaints == []
+
+
+def test_verdict_comes_first(opened: Browser) -> None:
+    assert opened.ask("document.querySelector('main').firstElementChild.id") == "verdict"
+
+
+def test_table_of_signals_is_what_was_spoilt(good: Path, tmp_path: Path) -> None:
+    """The test's own tool: only one channel differs."""
+    file = spoilt(good, tmp_path / "jump", "jump")
+    read = table.read(file, ["t", *SIGNALS, "pos_x", "pos_y", "pos_z", *(f"f_{i + 1}" for i in range(8))])
+    f = runs.read(good).rows.f
+    differs = [i for i in range(8) if np.abs(read.columns[f"f_{i + 1}"] - f[:, i]).max() > 1.0]
+    assert differs == [BROKEN]
