@@ -156,9 +156,11 @@ $(B)/test/bench/%: $(B)/obj/test/bench/%.o $(B)/lib/libinertiad_io.a $(B)/lib/li
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
 
-## Measure beside other software: microseconds per sample, frames per second from file to estimate
+## Measure beside other software: core step, file to estimate, simulation, planning
 bench: .venv/test.stamp build $(BENCH)
 	$(Q)$(PY) test/bench/bench.py
+	$(Q)$(PY) test/bench/simulate.py
+	$(Q)$(PY) test/bench/excite.py
 
 ## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; pictures in build/accept/ (about 10 min; T="T6 T8")
 accept: .venv/test.stamp build

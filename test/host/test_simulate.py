@@ -9,14 +9,16 @@ import pytest
 from conftest import COGIRO
 
 import inertiad_core
+from inertiad import bus, sensors, trajectory
 from inertiad import compile as compiler
+from inertiad import mechanics as mechanics_of
 from inertiad import robot as description
-from inertiad import sensors, trajectory
 from inertiad import simulate as simulator
 from inertiad.error import InputError
+from inertiad.mechanics import Mechanics
 from inertiad.robot import Nominal, inertia_matrix
 from inertiad.sensors import PRESETS, Dice, Faults
-from inertiad.simulate import Mechanics, Run
+from inertiad.simulate import Run
 from inertiad.table import Table
 
 BODY = Nominal(mass=120.0, cog=[0.05, -0.03, -0.2], inertia_cog=[40.0, 50.0, 30.0, 2.0, -1.0, 3.0])
@@ -80,7 +82,7 @@ def test_required_wrench_is_the_momentum_derivative_of_many_particles():
         forces = masses[:, None] * (acceleration + np.array([0.0, 0.0, g]))
         R, arms = motion.R[1], world[1] - motion.p[1]
         expected = np.concatenate([R.T @ forces.sum(axis=0), R.T @ np.cross(arms, forces).sum(axis=0)])
-        assert np.allclose(simulator.required_wrench(motion, body, g)[1], expected, rtol=1e-5, atol=1e-3)
+        assert np.allclose(mechanics_of.required_wrench(motion, body, g)[1], expected, rtol=1e-5, atol=1e-3)
 
 
 def test_wrench_of_the_tensions_is_regressor_times_parameters(cogiro):
@@ -88,7 +90,7 @@ def test_wrench_of_the_tensions_is_regressor_times_parameters(cogiro):
     t = np.linspace(0.0, paper.duration, 400)
     m, motion = mechanics(cogiro), paper.at(t)
     f = simulator.tensions(m, t, motion)
-    W, sag = simulator.wrench_matrix(m, t, motion)
+    W, sag = mechanics_of.wrench_matrix(m, t, motion)
     s = simulator.specific_force(motion, cogiro.gravity, np.zeros(3))
     Y = inertiad_core.regressor(s, motion.omega, motion.alpha)
     left = np.einsum("nij,nj->ni", W, f) + sag
@@ -100,9 +102,9 @@ def test_tensions_keep_their_limits_where_the_even_pull_does_not(cogiro):
     m = mechanics(cogiro.model_copy(update={"cable": cables}))
     paper = trajectory.paper()
     t = np.linspace(0.0, paper.duration, 300)
-    W, sag = simulator.wrench_matrix(m, t, paper.at(t))
-    wrench = simulator.required_wrench(paper.at(t), BODY, 9.81) - sag
-    free = simulator._even_pull(W, wrench, np.full(8, 294.3))
+    W, sag = mechanics_of.wrench_matrix(m, t, paper.at(t))
+    wrench = mechanics_of.required_wrench(paper.at(t), BODY, 9.81) - sag
+    free = mechanics_of.even_pull(W, wrench, np.full(8, 294.3))
     f = simulator.tensions(m, t, paper.at(t))
     broken = (free < 150.0).any(axis=1)
     assert broken.any()
@@ -129,11 +131,11 @@ def test_swing_turns_the_cables_by_its_amplitude(cogiro):
     swinging, straight = mechanics(cogiro, level), mechanics(cogiro)
     t = np.linspace(0.0, 2.0, 400)
     motion = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.1, 0.2, 0.3]), 2.0).at(t)
-    change = simulator.wrench_matrix(swinging, t, motion)[0] - simulator.wrench_matrix(straight, t, motion)[0]
+    change = mechanics_of.wrench_matrix(swinging, t, motion)[0] - mechanics_of.wrench_matrix(straight, t, motion)[0]
     angle = np.linalg.norm(change[:, :3], axis=1)
     assert angle.max() < 0.003 * np.sqrt(2.0) + 1e-9
     assert np.all(angle.max(axis=0) > 0.0025)
-    u = simulator.wrench_matrix(straight, t, motion)[0][:, :3]
+    u = mechanics_of.wrench_matrix(straight, t, motion)[0][:, :3]
     assert np.abs(np.einsum("nji,nji->ni", u, change[:, :3])).max() < 1e-12
 
 
@@ -285,7 +287,103 @@ def test_cogiro_at_1_khz_fits_one_classical_bus_in_the_worst_case(cogiro, tmp_pa
     write(run_of(cogiro, Faults(bus_timing=True), rate=1000.0, duration=0.1), tmp_path)
 
 
-@pytest.mark.parametrize("name", ["ideal", "modern", "paper"])
+def test_lowest_identifier_of_those_that_wait_wins():
+    release = [0.0, 1e-4, 2e-4, 2e-4, 5e-3]
+    end = inertiad_core.arbitrate(release, [30, 20, 10, 5, 1], [1e-3] * 5)
+    assert end == pytest.approx([1e-3, 4e-3, 3e-3, 2e-3, 6e-3])
+
+
+def test_arbitration_is_that_of_a_bus_stepped_through_time():
+    dice = np.random.default_rng(3)
+    n, slot = 300, 1e-5
+    release, ident = slot * dice.integers(0, 3000, n), dice.permutation(n)
+    took = slot * dice.integers(5, 14, n)
+    end = np.array(inertiad_core.arbitrate(release, ident, took))
+    waiting, left, now, free_at = set(), set(range(n)), 0, 0
+    expected = np.zeros(n)
+    while left or waiting:
+        waiting |= {k for k in left if round(release[k] / slot) <= now}
+        left -= waiting
+        if now >= free_at and waiting:
+            winner = min(waiting, key=lambda k: ident[k])
+            waiting.remove(winner)
+            free_at = now + round(took[winner] / slot)
+            expected[winner] = slot * free_at
+        now += 1
+    assert np.allclose(end, expected)
+
+
+def test_eleven_bit_identifiers_win_over_longer_ones_that_start_alike():
+    extended = 1 << 31
+    order = [0x100, 0x100 << 18 | 5 | extended, 0x101, 0x101 << 18 | extended, 0x7FF]
+    assert sorted(order, key=bus.priority) == order
+
+
+def test_jitter_of_a_node_reorders_nodes_and_never_its_own_frames(cogiro, tmp_path):
+    level = Faults(bus_timing=True, release_jitter=2e-3)
+    read = stamps(write(run_of(cogiro, level, rate=200.0, duration=1.0), tmp_path)["can.log"])
+    ids = [i for _, i in read]
+    assert ids != ["010", "011", "012", "013", "020", "021"] * (len(ids) // 6)
+    assert [i for i in ids if i < "020"] == ["010", "011", "012", "013"] * (len(ids) // 6)
+    assert np.all(np.diff([s for s, _ in read]) >= 0.0)
+
+
+def test_lost_frames_are_the_others_of_a_whole_log(cogiro, tmp_path):
+    whole = write(run_of(cogiro, Faults(), duration=20.0), tmp_path / "a")["can.log"].decode().splitlines()
+    some = write(run_of(cogiro, Faults(frame_loss=0.1), duration=20.0), tmp_path / "b")["can.log"].decode().splitlines()
+    assert set(some) < set(whole)
+    assert 1.0 - len(some) / len(whole) == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("silent", "missing"),
+    [("force", {"020", "021"}), ("f_3", {"020"}), ("imu", {"010", "011", "012", "013"})],
+)
+def test_silent_sensor_sends_nothing_for_a_while(cogiro, tmp_path, silent, missing):
+    level = Faults(silent=silent, fault_start=1.0, fault_duration=0.5)
+    read = stamps(write(run_of(cogiro, level, duration=2.0), tmp_path)["can.log"])
+    during = {i for s, i in read if simulator.START + 1.0 <= s < simulator.START + 1.5}
+    assert {i for _, i in read} - during == missing
+    assert {i for s, i in read if s >= simulator.START + 1.5} >= missing
+
+
+def test_stuck_sensor_repeats_its_last_value(cogiro):
+    level = Faults(stuck="f_3", fault_start=1.0, fault_duration=0.5, force_noise=1.0)
+    noisy, _ = measured(cogiro, level, duration=2.0)
+    t = noisy.t - simulator.START
+    during = (t >= 1.0) & (t < 1.5)
+    f = noisy.columns["f_3"]
+    assert np.all(f[during] == f[np.argmax(during) - 1])
+    assert np.std(f[~during]) > 0.5
+    assert np.std(noisy.columns["f_4"][during]) > 0.5
+
+
+def test_tracker_out_of_sight(cogiro):
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 200.0)
+    gone = simulator.measure_tracker(cogiro, still, Faults(silent="tracker"), Dice(1))
+    assert np.diff(gone.t).max() == pytest.approx(2.0, abs=0.01)
+    drops = simulator.measure_tracker(cogiro, still, Faults(dropout_hz=0.2, dropout=0.5), Dice(1))
+    gaps = np.diff(drops.t) - 1.0 / 238.0
+    assert 20 < np.sum(gaps > 1e-3) < 60
+    assert np.mean(gaps[gaps > 1e-3]) == pytest.approx(0.5, rel=0.5)
+
+
+def test_clocks_that_jump(cogiro, tmp_path):
+    level = Faults(stamp_step=0.25, clock_step=0.1, fault_start=1.0)
+    plain = stamps(write(run_of(cogiro, Faults(), duration=2.0), tmp_path / "a")["can.log"])
+    jumped = stamps(write(run_of(cogiro, level, duration=2.0), tmp_path / "b")["can.log"])
+    difference = np.array([b[0] - a[0] for a, b in zip(plain, jumped, strict=True)])
+    assert sorted(set(np.round(difference, 6))) == [0.0, 0.25]
+    drawn = sensors.draw(level, 8, Dice(1))
+    assert np.allclose(simulator._device_time(level, drawn, np.array([0.5, 1.5])), [0.5, 1.6])
+
+
+def test_fault_of_a_sensor_that_is_not_there(cogiro, tmp_path):
+    with pytest.raises(InputError, match='test: stuck = "f_9": allowed: f_1 to f_8'):
+        write(run_of(cogiro, Faults(stuck="f_9")), tmp_path)
+
+
+@pytest.mark.parametrize("name", list(PRESETS))
 def test_presets_run(cogiro, tmp_path, name):
     assert set(write(run_of(cogiro, PRESETS[name], rate=25.0), tmp_path)) == {
         "can.log",
@@ -302,6 +400,8 @@ def test_presets_run(cogiro, tmp_path, name):
         ("acc_biass = 0.1", "acc_biass: unknown key; did you mean acc_bias?"),
         ("rate = 0", "rate = 0: allowed: 1 to 100000 Hz"),
         ("bus_timing = 1", "bus_timing = 1: allowed: true or false"),
+        ("frame_loss = 2", "frame_loss = 2: allowed: 0 to 1"),
+        ('stuck = "imus"', 'stuck = "imus": allowed: imu, force, pos, tracker, bus, or a quantity such as f_3; did'),
     ],
 )
 def test_fault_file_errors(tmp_path, text, message):
@@ -309,7 +409,14 @@ def test_fault_file_errors(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         sensors.faults(str(path))
-    assert str(caught.value) == f"{path}: {message}"
+    assert str(caught.value).startswith(f"{path}: {message}")
+
+
+def test_unknown_preset_suggests_one():
+    with pytest.raises(
+        InputError, match=r'--faults "modem": allowed: ideal, .*, or a .toml file; did you mean modern\?'
+    ):
+        sensors.faults("modem")
 
 
 def test_body_from_json_and_mass_option(cogiro, tmp_path):

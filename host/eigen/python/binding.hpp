@@ -21,6 +21,8 @@ using namespace nb::literals;
 
 /// Adds batch identification and what reads whole runs to the module.
 void bind_batch(nb::module_& m);
+/// Adds forward dynamics, tension distribution and bus arbitration to the module.
+void bind_plant(nb::module_& m);
 
 namespace binding {
 

@@ -501,4 +501,5 @@ NB_MODULE(inertiad_core, m)
         },
         "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
     bind_batch(m);
+    bind_plant(m);
 }

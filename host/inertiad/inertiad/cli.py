@@ -85,7 +85,7 @@ def simulate(
         float | None, typer.Option(metavar="HZ", help="IMU and force samples; default: by --faults.")
     ] = None,
     faults: Annotated[
-        str, typer.Option(metavar="PRESET|FILE", help="ideal, modern, paper, or a TOML file.")
+        str, typer.Option(metavar="PRESET|FILE", help="ideal, modern, paper, faults.. (below), or a TOML file.")
     ] = "modern",
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Same seed, same files.")] = 0,
     body: Annotated[
@@ -94,29 +94,47 @@ def simulate(
     mass: Annotated[float | None, typer.Option(metavar="KG", help="True mass instead of the body's.")] = None,
     pose: Annotated[str, typer.Option(metavar="X,Y,Z,R,P,Y", help="Pose of hold, m and rad.")] = "0,0,2,0,0,0",
     duration: Annotated[float, typer.Option(metavar="S", min=0.1, max=1e5, help="Duration of hold, s.")] = 10.0,
+    plant: Annotated[
+        str, typer.Option(metavar="exact|rigid|elastic|FILE", help="Follow the trajectory exactly, or by forces.")
+    ] = "exact",
+    payload: Annotated[
+        list[str] | None, typer.Option(metavar="KG@S", help="Taken up at a time; KG@S@x,y,z or BODY.toml@S.")
+    ] = None,
 ) -> None:
-    """Simulate a run: CAN log, tracker positions and the truth behind them."""
+    """Simulate a run: CAN log, tracker positions and the truth behind them.
+
+    --plant rigid or elastic: forward dynamics under a tracking controller that keeps tensions within their limits.
+    --faults also: lossy, dropouts, stuck, silent, blind, drift, clockstep, late: modern sensors with that on top.
+    Keys of a plant FILE: python -m pydoc inertiad.dynamics; of a fault FILE: python -m pydoc inertiad.sensors
+    """
+    from inertiad import dynamics, sensors
+    from inertiad import payload as payloads
     from inertiad import robot as description
-    from inertiad import sensors
     from inertiad import simulate as simulator
     from inertiad import trajectory as trajectories
 
     described = description.load(robot)
     level = sensors.faults(faults)
+    true_body = simulator.body_of(described, robot, body, mass)
+    path = trajectories.named(trajectory, pose, duration)
     run = simulator.Run(
         robot_file=robot,
         robot=described,
-        body=simulator.body_of(described, robot, body, mass),
-        trajectory=trajectories.named(trajectory, pose, duration),
+        body=true_body,
+        trajectory=path,
         trajectory_name=trajectory,
         level=level,
         faults_name=faults,
         rate=level.rate if rate is None else rate,
         seed=seed,
+        plant=dynamics.plant(plant, described),
+        payloads=payloads.parse_all(payload or [], true_body, path.duration),
     )
     with _progress() as progress:
-        n_frames = simulator.simulate(run, output, progress)
-    _say(f"{output}: {n_frames} frames over {run.trajectory.duration:.1f} s")
+        simulated = simulator.simulate(run, output, progress)
+    for line in simulated.remarks:
+        _say(line)
+    _say(f"{output}: {simulated.n_frames} frames over {run.trajectory.duration:.1f} s")
 
 
 @app.command(epilog="Example: inertiactl encode robot.toml signals.csv --tracker tracker.csv -o run")

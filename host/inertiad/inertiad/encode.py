@@ -6,7 +6,7 @@ Frames are packed a whole column at a time; a signal costs one numpy pass per bi
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,9 @@ class Frames:
 
 Stamp = Callable[[Array, list[Frames]], list[NDArray[np.int64]]]
 """Stamps [us] of every frame, from the sample times [s] and the frames of one bus in the order they are sent."""
+
+LOST = -1
+"""Stamp of a frame that is not in the log."""
 
 
 def stamp_exactly(t: Array, frames: list[Frames]) -> list[NDArray[np.int64]]:
@@ -181,6 +184,8 @@ def write_can_log(path: Path, t: Array, frames: list[Frames], stamp: Stamp = sta
     for bus in sorted({f.bus for f in frames}):
         on_bus = [f for f in frames if f.bus == bus]
         for f, t_us in zip(on_bus, stamp(t, on_bus), strict=True):
+            seen = t_us != LOST
+            f, t_us = (f, t_us) if seen.all() else (replace(f, data=f.data[seen]), t_us[seen])
             lines += _lines(f, t_us)
             stamps.append(t_us)
     order = np.argsort(np.concatenate(stamps), kind="stable").tolist()

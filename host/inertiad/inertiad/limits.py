@@ -2,7 +2,7 @@
 """What a planned motion must keep to: tensions, workspace, tilt, speed, acceleration, distances.
 
 Every limit is a function g of pose coordinates q = x y z roll pitch yaw and their two derivatives, in its own unit of
-excess: g <= 0 is allowed, g = 0.1 means a tenth over. Tensions are those that simulate.py would give the motion.
+excess: g <= 0 is allowed, g = 0.1 means a tenth over. Tensions are those that mechanics.py gives the motion.
 """
 
 import itertools
@@ -14,10 +14,10 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 import inertiad_core
-from inertiad import simulate
+from inertiad import mechanics, sensors
 from inertiad.error import InputError
 from inertiad.information import Model
-from inertiad.simulate import Mechanics
+from inertiad.mechanics import Mechanics
 from inertiad.table import Array
 from inertiad.trajectory import POSE_NAMES, Motion, motion_of
 
@@ -70,7 +70,7 @@ class Checker:
 
     @cached_property
     def mechanics(self) -> Mechanics:
-        drawn: simulate.Drawn = None  # type: ignore[assignment]  # only used where cables swing
+        drawn: sensors.Drawn = None  # type: ignore[assignment]  # only used where cables swing
         return Mechanics(self.model.config, self.model.robot, self.model.body, drawn, 0.0)
 
     @cached_property
@@ -120,12 +120,12 @@ class Checker:
     def tensions(self, motion: Motion) -> Array:
         """Tensions [N, m] closest to an even pull, N, whether within their limits or not."""
         robot, body = self.model.robot, self.model.body
-        W, sag = simulate.wrench_matrix(self.mechanics, np.zeros(len(motion.p)), motion)
-        wrench = simulate.required_wrench(motion, body, robot.gravity) - sag
+        W, sag = mechanics.wrench_matrix(self.mechanics, np.zeros(len(motion.p)), motion)
+        wrench = mechanics.required_wrench(motion, body, robot.gravity) - sag
         share = 2.0 * body.mass * robot.gravity / robot.n_cables
         low = np.array([c.tension_min for c in robot.cable])
         high = np.array([c.tension_max for c in robot.cable])
-        return simulate._even_pull(W, wrench, np.clip(np.full(robot.n_cables, share), low, high))
+        return mechanics.even_pull(W, wrench, np.clip(np.full(robot.n_cables, share), low, high))
 
     def _moving(self, motion: Motion) -> list[Array]:
         target = np.array(self.model.robot.tracker.target)

@@ -69,7 +69,7 @@ import difflib
 import json
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
@@ -375,9 +375,14 @@ def inertia_matrix(elements: list[float] | np.ndarray) -> np.ndarray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+def nearest(key: str, known: Iterable[str]) -> str:
+    """ "; did you mean ...?" where a known key is alike, else nothing."""
+    near = difflib.get_close_matches(key, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]}?" if near else ""
+
+
 def _nearest(key: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known[:24])}"
+    return nearest(key, known) or f"; known: {', '.join(known[:24])}"
 
 
 def _key(loc: tuple[int | str, ...]) -> str:

@@ -12,18 +12,32 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from inertiad import quantity
 from inertiad.error import InputError
-from inertiad.robot import Range, Strict, read_toml, validate
+from inertiad.robot import Range, Strict, nearest, read_toml, validate
 from inertiad.table import Array
 
 _MICRO_G: Final = 9.80665e-6
 
 Level = Annotated[float, AfterValidator(Range(0, 1e3))]
 RateHz = Annotated[float, AfterValidator(Range(1, 1e5, "Hz"))]
+
+
+Share = Annotated[float, AfterValidator(Range(0, 1))]
+
+SENSORS: Final = ("imu", "force", "pos")
+
+
+def _sensor(value: str) -> str:
+    known = ("", *SENSORS, "tracker", "bus", *quantity.QUANTITIES)
+    if value not in known:
+        raise ValueError(f"{', '.join(known[1:6])}, or a quantity such as f_3{nearest(value, known)}")
+    return value
 
 
 class Faults(Strict):
@@ -76,56 +90,104 @@ class Faults(Strict):
     """ppm, of the sensors' clock against the host's"""
     stamp_jitter: Annotated[float, AfterValidator(Range(0, 0.1, "s"))] = 0.0
     """s, mean lateness of the host's frame stamps, exponentially distributed"""
+    stamp_delay: Annotated[float, AfterValidator(Range(0, 1, "s"))] = 0.0
+    """s, lateness of every frame stamp on top of that"""
     bus_timing: bool = False
-    """frames are stamped at the end of their turn on the bus, not at their sample's time"""
+    """frames are stamped when they have got through the bus, lowest identifier first, not at their sample's time"""
+    release_jitter: Annotated[float, AfterValidator(Range(0, 0.1, "s"))] = 0.0
+    """s, greatest lateness with which a node has its frames ready for the bus; needs bus_timing"""
+    frame_loss: Share = 0.0
+    """1, share of frames that never reach the host"""
+    tracker_loss: Share = 0.0
+    """1, share of tracker samples that never come"""
+    dropout_hz: Annotated[float, AfterValidator(Range(0, 100, "Hz"))] = 0.0
+    """Hz, how often the tracker loses sight"""
+    dropout: Annotated[float, AfterValidator(Range(0, 100, "s"))] = 0.5
+    """s for which it does, on average, exponentially distributed"""
+    fault_start: Annotated[float, AfterValidator(Range(0, 1e6, "s"))] = 5.0
+    """s from the start of the motion at which the faults below set in"""
+    fault_duration: Annotated[float, AfterValidator(Range(0, 1e6, "s"))] = 2.0
+    """s after which stuck and silent sensors come back"""
+    stuck: Annotated[str, AfterValidator(_sensor)] = ""
+    """imu, force, pos, or a quantity such as f_3: repeats its last value"""
+    silent: Annotated[str, AfterValidator(_sensor)] = ""
+    """imu, force, pos, tracker, bus, or a quantity such as f_3 with its whole message: sends nothing"""
+    clock_step: Annotated[float, AfterValidator(Range(-1e3, 1e3, "s"))] = 0.0
+    """s, jump of the sensors' clock"""
+    stamp_step: Annotated[float, AfterValidator(Range(-0.5, 1e3, "s"))] = 0.0
+    """s, jump of the host's clock that stamps frames"""
+
+    def is_on(self, t: Array) -> NDArray[np.bool_]:
+        """At which times t [N] of the motion a sensor is stuck or silent."""
+        return np.asarray((t >= self.fault_start) & (t < self.fault_start + self.fault_duration))
+
+
+_MODERN: Final = Faults(
+    acc_noise_density=100 * _MICRO_G,
+    acc_bias=0.02,
+    gyro_noise_density_deg=0.008,
+    gyro_bias_deg=0.01,
+    imu_alignment_deg=0.2,
+    attitude_bias_deg=0.3,
+    attitude_wander_deg=0.1,
+    world_yaw_deg=0.5,
+    force_noise_density=0.1,
+    force_offset=5.0,
+    force_gain=0.005,
+    force_delay_max=0.001,
+    tracker_noise=0.001,
+    tracker_delay=0.005,
+    geometry=0.001,
+    clock_drift_ppm=20.0,
+    stamp_jitter=20e-6,
+    bus_timing=True,
+)
+
+_PAPER: Final = Faults(
+    rate=25.0,
+    acc_noise_density=200 * _MICRO_G,
+    acc_bias=0.1,
+    gyro_noise_density_deg=0.02,
+    gyro_bias_deg=0.3,
+    imu_alignment_deg=1.0,
+    attitude_bias_deg=1.0,
+    attitude_wander_deg=0.5,
+    world_yaw_deg=3.0,
+    force_noise=15.0,
+    force_offset=15.0,
+    force_gain=0.005,
+    force_delay_max=0.010,
+    tracker_noise=0.003,
+    tracker_delay=0.020,
+    geometry=0.003,
+    cable_swing=0.003,
+    clock_drift_ppm=20.0,
+    stamp_jitter=200e-6,
+    bus_timing=True,
+)
+
+
+def _modern(**fault: object) -> Faults:
+    """Modern sensors with a fault on top."""
+    return _MODERN.model_copy(update=fault)
 
 
 PRESETS: Final[dict[str, Faults]] = {
     "ideal": Faults(),
-    "modern": Faults(
-        acc_noise_density=100 * _MICRO_G,
-        acc_bias=0.02,
-        gyro_noise_density_deg=0.008,
-        gyro_bias_deg=0.01,
-        imu_alignment_deg=0.2,
-        attitude_bias_deg=0.3,
-        attitude_wander_deg=0.1,
-        world_yaw_deg=0.5,
-        force_noise_density=0.1,
-        force_offset=5.0,
-        force_gain=0.005,
-        force_delay_max=0.001,
-        tracker_noise=0.001,
-        tracker_delay=0.005,
-        geometry=0.001,
-        clock_drift_ppm=20.0,
-        stamp_jitter=20e-6,
-        bus_timing=True,
-    ),
-    "paper": Faults(
-        rate=25.0,
-        acc_noise_density=200 * _MICRO_G,
-        acc_bias=0.1,
-        gyro_noise_density_deg=0.02,
-        gyro_bias_deg=0.3,
-        imu_alignment_deg=1.0,
-        attitude_bias_deg=1.0,
-        attitude_wander_deg=0.5,
-        world_yaw_deg=3.0,
-        force_noise=15.0,
-        force_offset=15.0,
-        force_gain=0.005,
-        force_delay_max=0.010,
-        tracker_noise=0.003,
-        tracker_delay=0.020,
-        geometry=0.003,
-        cable_swing=0.003,
-        clock_drift_ppm=20.0,
-        stamp_jitter=200e-6,
-        bus_timing=True,
-    ),
+    "modern": _MODERN,
+    "paper": _PAPER,
+    "lossy": _modern(frame_loss=0.01, tracker_loss=0.02, release_jitter=300e-6),
+    "dropouts": _modern(dropout_hz=0.2, tracker_loss=0.01),
+    "stuck": _modern(stuck="f_3"),
+    "silent": _modern(silent="force"),
+    "blind": _modern(silent="tracker"),
+    "drift": _modern(clock_drift_ppm=500.0),
+    "clockstep": _modern(clock_step=0.05),
+    "late": _modern(stamp_jitter=2e-3, stamp_delay=5e-3, tracker_delay=0.08),
 }
-"""ideal: no fault at all. modern: good sensors of today, as built in. paper: like those of the ICRA 2017 paper."""
+"""ideal: no fault at all. modern: good sensors of today, as built in. paper: like those of the ICRA 2017 paper. The
+others are modern with one thing broken: frames lost; tracker out of sight now and then; one force sensor stuck, all
+forces silent, tracker silent, for 2 s each; sensors' clock fast or slow, jumping; host and tracker late."""
 
 
 def faults(name: str) -> Faults:
@@ -133,7 +195,8 @@ def faults(name: str) -> Faults:
     if name in PRESETS:
         return PRESETS[name]
     if not name.endswith(".toml"):
-        raise InputError(f'--faults "{name}": allowed: {", ".join(PRESETS)}, or a .toml file')
+        hint = nearest(name, PRESETS)
+        raise InputError(f'--faults "{name}": allowed: {", ".join(PRESETS)}, or a .toml file{hint}')
     return validate(Faults, read_toml(Path(name)), name)
 
 
@@ -243,3 +306,25 @@ def measure_forces(f: Array, level: Faults, drawn: Drawn, rate: float, dice: Dic
 def measure_positions(target: Array, level: Faults, dice: Dice) -> Array:
     """What a tracker reports of the target's true positions [N, 3], m."""
     return target + level.tracker_noise * dice["tracker_noise"].standard_normal(target.shape)
+
+
+def out_of_sight(level: Faults, t: Array, dice: Dice) -> NDArray[np.bool_]:
+    """Which tracker samples at times t [N] of the motion never come."""
+    lost = dice["tracker_loss"].random(len(t)) < level.tracker_loss
+    if level.silent == "tracker":
+        lost |= level.is_on(t)
+    drops = dice["dropout"]
+    n = drops.poisson(level.dropout_hz * t[-1])
+    for begin, length in zip(drops.uniform(0.0, t[-1], n), drops.exponential(level.dropout, n), strict=True):
+        lost |= (t >= begin) & (t < begin + length)
+    return np.asarray(lost)
+
+
+def freeze(level: Faults, t: Array, columns: dict[str, Array]) -> dict[str, Array]:
+    """Columns [N] over times t [N] of the motion, those of the stuck sensor held at their last value while it is."""
+    on = np.flatnonzero(level.is_on(t))
+    if not level.stuck or len(on) == 0:
+        return columns
+    held = max(int(on[0]) - 1, 0)
+    stuck = [name for name in columns if level.stuck in (name, quantity.sensor(name))]
+    return columns | {name: np.where(level.is_on(t), columns[name][held], columns[name]) for name in stuck}

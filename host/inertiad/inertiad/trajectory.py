@@ -47,7 +47,8 @@ class Motion:
 class Trajectory(Protocol):
     """Something that moves the platform from t = 0 to t = duration [s]."""
 
-    duration: float
+    @property
+    def duration(self) -> float: ...
 
     def at(self, t: Array) -> Motion:
         """The motion at times t [N]; at rest in the first and last pose outside of the duration."""
