@@ -27,6 +27,7 @@ EXAMPLES := $(patsubst host/eigen/examples/%.cpp,$(B)/bin/examples/%,$(wildcard 
 BINDING := $(patsubst host/eigen/python/%.cpp,$(B)/python/%.so,$(wildcard host/eigen/python/*.cpp))
 UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/test_*.c))
 BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
+ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.cpp)))
 
 # No -ffast-math and no contraction: the same log gives the same bytes on every machine.
 OPT ?= -O2 -g
@@ -49,7 +50,7 @@ setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
 .venv/%.stamp: host/inertiad/pyproject.toml tools/setup
 	$(Q)tools/setup $*
 	@touch $@
-.venv/test.stamp .venv/lint.stamp: .venv/run.stamp
+.venv/test.stamp .venv/lint.stamp .venv/accept.stamp: .venv/run.stamp
 
 build/unity/unity.c:
 	$(call say,fetch Unity)tools/unity $(@D)
@@ -110,7 +111,7 @@ demo: build
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
 ## Run every test; ends with one line: N passed, N failed, N skipped
-test: .venv/test.stamp build unit-programs asan-programs vcan-runs
+test: .venv/test.stamp build unit-programs asan-programs accept-programs vcan-runs
 	@$(PY) tools/test unit laws host vcan asan
 
 ## Test the stages of the core (Unity)
@@ -122,7 +123,7 @@ test-laws: .venv/test.stamp build unit-programs
 	@$(PY) tools/test laws
 
 ## Test the Python package, the C++ layer and the programs end to end (pytest)
-test-host: .venv/test.stamp build
+test-host: .venv/test.stamp build accept-programs
 	@$(PY) tools/test host
 
 ## Test the daemon on a real vcan, in a guest kernel where this one has no CAN
@@ -152,7 +153,7 @@ $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_co
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CC) $(SANITIZE) $(filter %.o,$^) $(LIBS) -o $@
 
-$(B)/test/bench/%: $(B)/obj/test/bench/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
+$(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
 
@@ -162,9 +163,18 @@ bench: .venv/test.stamp build $(BENCH)
 	$(Q)$(PY) test/bench/simulate.py
 	$(Q)$(PY) test/bench/excite.py
 
-## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; pictures in build/accept/ (about 10 min; T="T6 T8")
-accept: .venv/test.stamp build
+## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; table and pictures in build/accept/ (T="T6 T8")
+accept: .venv/test.stamp .venv/accept.stamp build accept-programs second-target
 	$(Q)$(PY) test/accept/accept.py $(T)
+
+accept-programs: $(ACCEPT)
+
+# The same sources for another processor; an emulator runs it. Nothing of liblcm is needed: what is not used is dropped.
+second-target: .venv/accept.stamp $(GEN)
+	@$(MAKE) --no-print-directory B=build/aarch64 CC=aarch64-linux-gnu-gcc AR=aarch64-linux-gnu-ar \
+	    OPT='-O2 -ffunction-sections' build/aarch64/replay
+build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/libinertiad_io.a lib/libinertiad_core.a)
+	$(call say,ld  $@)$(CC) -static -Wl,--gc-sections $^ -lm -o $@
 
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
@@ -204,6 +214,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs vcan-runs bench \
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-programs second-target vcan-runs bench \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

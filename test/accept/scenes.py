@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated runs for the acceptance table: made once, kept in build/accept/runs, read by the daemon's own stages."""
+"""Simulated runs for the acceptance table: made once per state of the simulator, kept in build/accept/runs."""
 
 import json
+import os
+import shutil
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +16,21 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(TOP / "host/inertiad"), str(TOP / "build/python")]
 
 import inertiad_core  # noqa: E402
-from inertiad import compile, runs, sensors, simulate, trajectory  # noqa: E402
+from inertiad import compile, quantity, runs, sensors, simulate, trajectory  # noqa: E402
 from inertiad import robot as description  # noqa: E402
 from inertiad.robot import Nominal, Robot  # noqa: E402
 
 COGIRO = TOP / "firmware/robots/cogiro/robot.toml"
 OUT = TOP / "build/accept"
+
+
+def _state_of_the_simulator() -> str:
+    modules = [TOP / f"host/inertiad/inertiad/{name}.py" for name in ("simulate", "sensors", "trajectory", "encode")]
+    robots = sorted(path for path in COGIRO.parent.iterdir() if path.suffix in (".toml", ".dbc"))
+    return f"{zlib.crc32(b''.join(path.read_bytes() for path in [Path(__file__), *modules, *robots])):08x}"
+
+
+RUNS = OUT / "runs" / _state_of_the_simulator()
 
 BEST = sensors.PRESETS["modern"].model_copy(
     update={
@@ -67,7 +79,7 @@ def loaded(robot: Robot, mass: float) -> Nominal:
 
 def run(seed: int, level: str, rate: float, motion: str, mass: float = 0.0, errors_of: int | None = None) -> Path:
     """Folder of a simulated run. motion: paper or fourier, by seed. errors_of: another seed whose sensors measure."""
-    folder = OUT / f"runs/{level}_{rate:g}_{motion}_{mass:g}_{seed}_{errors_of or seed}"
+    folder = RUNS / f"{level}_{rate:g}_{motion}_{mass:g}_{seed}_{errors_of or seed}"
     if (folder / "truth.json").exists():
         return folder
     robot = description.load(COGIRO)
@@ -83,8 +95,45 @@ def run(seed: int, level: str, rate: float, motion: str, mass: float = 0.0, erro
         rate=rate,
         seed=errors_of or seed,
     )
-    simulate.simulate(what, folder, lambda _: None)
+    unfinished = folder.with_name(f"{folder.name}.{os.getpid()}")
+    simulate.simulate(what, unfinished, lambda _: None)
+    try:
+        unfinished.rename(folder)
+    except OSError:  # another process was quicker
+        shutil.rmtree(unfinished)
     return folder
+
+
+def quiet_rows(level: str, rate: float, seed: int, motions: list[trajectory.Spline]) -> np.ndarray:
+    """Rows [N, 13 + m] as aligned: acc, gyro, q, position, f, of motions one after the other.
+
+    With the systematic errors drawn by seed and a true geometry of its own, without noise, wander, swing and delays.
+    """
+    robot, dice = description.load(COGIRO), sensors.Dice(seed)
+    still = {k: 0.0 for k in sensors.Faults.model_fields if "noise" in k}
+    quiet = LEVELS[level].model_copy(
+        update=still | {"attitude_wander_deg": 0.0, "cable_swing": 0.0, "tracker_delay": 0.0, "force_delay_max": 0.0}
+    )
+    drawn = sensors.draw(quiet, robot.n_cables, dice)
+    true = simulate._truly(robot, drawn)
+    assert robot.nominal is not None
+    mechanics = simulate.Mechanics(runs.config_of(true, ""), true, robot.nominal, drawn, 0.0)
+    parts = []
+    for motion in motions:
+        t = np.arange(int(motion.duration * rate)) / rate
+        signals = simulate.measure_signals(robot, mechanics, motion, t, quiet, rate, dice)
+        imu = signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
+        f = signals.stack(*quantity.forces(robot.n_cables))
+        parts.append(np.hstack([imu, simulate._target(robot, motion.at(t)), f]))
+    return np.concatenate(parts)
+
+
+def noise_of(level: str, rate: float) -> list[float]:
+    """One sigma per sample at rate [Hz] of acc, gyro, force, position, and attitude wander [rad], its time [s]."""
+    k, white = LEVELS[level], np.sqrt(0.5 * rate)
+    force = float(np.hypot(k.force_noise, k.force_noise_density * white))
+    acc, gyro = k.acc_noise_density * white, np.deg2rad(k.gyro_noise_density_deg) * white
+    return [acc, gyro, force, k.tracker_noise, np.deg2rad(k.attitude_wander_deg), k.attitude_wander_time]
 
 
 def platform(folder: Path, robot: Robot | None = None) -> Any:
