@@ -6,6 +6,9 @@
 #include "message.h"
 #include "monitor.h"
 
+#include <inttypes.h>
+#include <string.h>
+
 static int write_estimate(daemon_t* d)
 {
     char reason[REASON_SIZE];
@@ -23,10 +26,13 @@ static int write_estimate(daemon_t* d)
 static bool close_record(daemon_t* d)
 {
     if (!d->is_recording) { return true; }
-    monitor_record(d);
     ipe_publish_record(&d->publisher, NULL);
     const bool is_whole = ipe_record_close(&d->recorder) == 0;
-    if (!is_whole) { ipe_message("--record: %s is not complete", d->recorder.option.path); }
+    if (!is_whole) {
+        const int cause = atomic_load(&d->recorder.error);
+        ipe_message("--record: %s lacks %" PRIu64 " messages: %s", d->recorder.option.path,
+                    ipe_record_lost(&d->recorder), cause != 0 ? strerror(cause) : "the queue was full");
+    }
     return is_whole || d->n_interfaces > 0;
 }
 
@@ -35,6 +41,7 @@ bool daemon_close(daemon_t* d)
     bool is_good = true;
     ipe_pipeline_flush(d->pipeline);
     flow_step(d);
+    monitor_losses(d);
     for (unsigned i = 0; i < d->n_interfaces; ++i) { ipe_source_socketcan_close(&d->interface[i]); }
     ipe_replay_close(&d->replay);
     if (d->option.estimate != NULL && write_estimate(d) != 0) { is_good = false; }
@@ -46,6 +53,6 @@ bool daemon_close(daemon_t* d)
     ipe_publish_close(&d->publisher);
     ipe_inbox_close(&d->inbox);
     ipe_notify_close(&d->notify);
-    ipe_counters_print(&d->counters);
+    health_print(d);
     return is_good;
 }

@@ -12,10 +12,12 @@
 #include "checkpoint.h"
 #include "config_file.h"
 #include "counters.h"
+#include "host_clock.h"
 #include "inbox.h"
 #include "notify.h"
 #include "options.h"
 #include "pipeline.h"
+#include "presence.h"
 #include "publish.h"
 #include "record.h"
 #include "replay.h"
@@ -23,6 +25,13 @@
 #include "source_socketcan.h"
 
 #define NS_PER_S INT64_C(1000000000)
+
+/// Something that should not get lost, and how much of it did.
+typedef struct {
+    uint64_t n_before;  ///< lost when it began
+    uint64_t n_last;    ///< at the last look
+    bool is_losing;
+} loss_t;
 
 /// Counts of pipelines, or of what was reset in them, from before: what is told never decreases.
 typedef struct {
@@ -55,6 +64,9 @@ typedef struct {
     int epoll_fd, signal_fd, second_fd, pace_fd;
     bool is_done;
     bool is_replay_runnable;
+    ipe_host_clock_t clock;
+    int64_t arrival_ns;     ///< host time at which the frame at hand came; 0: not measured
+    ipe_histogram_t decoded, estimated;
     int64_t data_ns;        ///< host time of the newest frame or position, 0: none yet
     int64_t first_row_ns, last_row_ns;
     int64_t health_due_ns;  ///< data time of the next HEALTH
@@ -62,11 +74,14 @@ typedef struct {
 
     health_carried_t carried;
     uint64_t n_commands_done, n_commands_refused;
-    uint64_t n_frames_reported;   ///< in the last status
+    uint64_t n_frames_reported;              ///< in the last status
+    ipe_bus_state_t bus_state[IPE_BUSES_MAX];
+    unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
+    loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
+    ipe_presence_t presence[IPE_SENSOR_COUNT];
+    int64_t presence_due_ns;      ///< data time of the next look
     int n_ticks;                  ///< since the last checkpoint
     uint64_t n_changes_reported;  ///< payload changes
-    uint64_t n_lost_reported;     ///< messages that the record lacks
-    bool is_losing_record;        ///< since a tick ago
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];
 } daemon_t;

@@ -2,19 +2,17 @@
 #include "flow.h"
 
 #include "health.h"
-
-#include <time.h>
-
-static int64_t wall_ns(void)
-{
-    struct timespec t;
-    (void)clock_gettime(CLOCK_REALTIME, &t);
-    return (int64_t)t.tv_sec * NS_PER_S + t.tv_nsec;
-}
+#include "monitor.h"
 
 int64_t flow_now(const daemon_t* d)
 {
-    return d->n_interfaces > 0 ? wall_ns() : d->data_ns;
+    return d->n_interfaces > 0 ? ipe_host_clock_now(&d->clock) : d->data_ns;
+}
+
+/// How long it has been since the frame at hand came.
+static void measure(const daemon_t* d, ipe_histogram_t* h)
+{
+    if (d->arrival_ns != 0) { ipe_histogram_push(h, ipe_host_clock_now(&d->clock) - d->arrival_ns); }
 }
 
 /// Tell that the payload changed, when it did.
@@ -33,7 +31,7 @@ static void take_row(daemon_t* d, const ipe_row_t* row)
     ipe_rest_push(&d->rest, row);
     report_change(d, row->t_ns);
     ipe_publish_row(&d->publisher, row);
-    ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate);
+    if (ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate)) { measure(d, &d->estimated); }
 }
 
 void flow_step(daemon_t* d)
@@ -45,16 +43,23 @@ void flow_step(daemon_t* d)
     }
 }
 
-void flow_frame(daemon_t* d, const ipe_frame_t* frame)
+void flow_frame(daemon_t* d, const ipe_frame_t* frame, int64_t arrival_ns)
 {
+    d->arrival_ns = arrival_ns;
     ipe_publish_frame(&d->publisher, frame);
+    if ((frame->can_id & IPE_CAN_ERR) != 0) { monitor_error_frame(d, frame); }
     (void)ipe_pipeline_push_frame(d->pipeline, frame);  // what it refuses, it counts
+    measure(d, &d->decoded);
     flow_step(d);
+    d->arrival_ns = 0;
     health_advance(d, frame->t_ns);
+    monitor_advance(d, frame->t_ns);
 }
 
-void flow_position(daemon_t* d, int64_t t_ns, const double position[3])
+void flow_position(daemon_t* d, int64_t t_ns, const double position[3], int64_t arrival_ns)
 {
+    d->arrival_ns = arrival_ns;
     (void)ipe_pipeline_push_position(d->pipeline, t_ns, position);  // what it refuses, it counts
     flow_step(d);
+    d->arrival_ns = 0;
 }

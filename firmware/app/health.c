@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "health.h"
 
+#include "message.h"
+
+#include <inttypes.h>
 #include <stdio.h>
 
 static void count_buses(daemon_t* d)
@@ -14,6 +17,9 @@ static void count_buses(daemon_t* d)
             cause = d->n_interfaces > 0 ? ipe_source_socketcan_counter(&d->interface[i], k, &value)
                                         : ipe_source_file_counter(&d->replay.bus[i], k, &value);
             if (cause == NULL) { break; }
+            ipe_counters_add(&d->counters, stage, cause, value);
+        }
+        for (unsigned k = 0; (cause = ipe_bus_state_counter(&d->bus_state[i], k, &value)) != NULL; ++k) {
             ipe_counters_add(&d->counters, stage, cause, value);
         }
     }
@@ -33,6 +39,9 @@ void health_count_input(daemon_t* d)
     for (unsigned k = 0; (cause = ipe_pipeline_counter(d->pipeline, k, &value)) != NULL; ++k) {
         ipe_counters_add(&d->counters, NULL, cause, d->carried.counter[k] + value);
     }
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "lost", d->presence[s].n_lost);
+    }
 }
 
 void health_count(daemon_t* d)
@@ -46,6 +55,7 @@ void health_count(daemon_t* d)
     for (unsigned k = 0; (cause = ipe_inbox_counter(&d->inbox, k, &value)) != NULL; ++k) {
         ipe_counters_add(&d->counters, "lcm", cause, value);
     }
+    ipe_counters_add(&d->counters, "clock", "host_steps", d->clock.n_steps);
     ipe_counters_add(&d->counters, "command", "done", d->n_commands_done);
     ipe_counters_add(&d->counters, "command", "refused", d->n_commands_refused);
     for (unsigned k = 0; d->option.record != NULL && (cause = ipe_record_counter(&d->recorder, k, &value)) != NULL;
@@ -58,7 +68,7 @@ void health_count(daemon_t* d)
     }
 }
 
-static const ipe_bus_counts_t* bus_counts(const daemon_t* d, unsigned i)
+const ipe_bus_counts_t* health_bus_counts(const daemon_t* d, unsigned i)
 {
     return d->n_interfaces > 0 ? &d->interface[i].counts : &d->replay.bus[i].counts;
 }
@@ -66,8 +76,19 @@ static const ipe_bus_counts_t* bus_counts(const daemon_t* d, unsigned i)
 uint64_t health_frames(const daemon_t* d)
 {
     uint64_t n = 0;
-    for (unsigned i = 0; i < d->option.n_buses; ++i) { n += bus_counts(d, i)->n_frames; }
+    for (unsigned i = 0; i < d->option.n_buses; ++i) { n += health_bus_counts(d, i)->n_frames; }
     return n;
+}
+
+const char* health_sensor_name(ipe_sensor_t sensor)
+{
+    static const char* const NAME[IPE_SENSOR_COUNT] = {"imu", "force", "position"};
+    return NAME[sensor];
+}
+
+const char* health_bus_name(const daemon_t* d, unsigned i)
+{
+    return d->n_interfaces > 0 ? d->interface[i].interface : d->replay.bus[i].path;
 }
 
 static uint64_t rejected_rows(const ipe_pipeline_t* p)
@@ -94,7 +115,7 @@ uint64_t health_dropped(const daemon_t* d)
 {
     uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete + incomplete_samples(d->pipeline);
     for (unsigned i = 0; i < d->option.n_buses; ++i) {
-        n += bus_counts(d, i)->n_dropped + bus_counts(d, i)->n_controller_overruns;
+        n += health_bus_counts(d, i)->n_dropped + health_bus_counts(d, i)->n_controller_overruns;
     }
     return n;
 }
@@ -124,11 +145,35 @@ static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
 
 void health_send(daemon_t* d, int64_t now_ns)
 {
-    double age[IPE_SENSOR_COUNT];
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { age[s] = age_of(d, (ipe_sensor_t)s, now_ns); }
+    ipe_health_t h = {.counters = &d->counters,
+                      .is_frozen = d->pipeline->is_frozen,
+                      .n_buses = d->option.n_buses,
+                      .n_latencies = IPE_LATENCIES_MAX,
+                      .latency = {{"decoded", &d->decoded}, {"estimate", &d->estimated}}};
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { h.age[s] = age_of(d, (ipe_sensor_t)s, now_ns); }
+    for (unsigned i = 0; i < h.n_buses; ++i) {
+        h.bus[i].name = health_bus_name(d, i);
+        h.bus[i].is_up = d->n_interfaces == 0 || d->interface[i].is_up;
+        h.bus[i].condition = d->bus_state[i].condition;
+    }
     health_count(d);
-    ipe_publish_health(&d->publisher, now_ns, &d->counters, age);
+    ipe_publish_health(&d->publisher, now_ns, &h);
     d->was_health_sent = true;
+}
+
+static void print_latency(const char* name, const ipe_histogram_t* h)
+{
+    if (h->n == 0) { return; }
+    ipe_message("latency.%s: %" PRIu64 " times, p50 %.1f us, p99 %.1f us, p99.9 %.1f us, longest %.1f us", name, h->n,
+                1e6 * ipe_histogram_quantile(h, 0.5), 1e6 * ipe_histogram_quantile(h, 0.99),
+                1e6 * ipe_histogram_quantile(h, 0.999), 1e6 * ipe_histogram_quantile(h, 1.0));
+}
+
+void health_print(const daemon_t* d)
+{
+    ipe_counters_print(&d->counters);
+    print_latency("decoded", &d->decoded);
+    print_latency("estimate", &d->estimated);
 }
 
 void health_advance(daemon_t* d, int64_t t_ns)

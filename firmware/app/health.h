@@ -9,6 +9,13 @@
 void health_count(daemon_t* d);
 void health_count_input(daemon_t* d);
 
+/// What bus i has taken in and lost.
+const ipe_bus_counts_t* health_bus_counts(const daemon_t* d, unsigned i);
+
+/// Interface or file of bus i; "imu", "force", "position".
+const char* health_bus_name(const daemon_t* d, unsigned i);
+const char* health_sensor_name(ipe_sensor_t sensor);
+
 /// Frames taken in, from all buses.
 uint64_t health_frames(const daemon_t* d);
 
@@ -22,6 +29,9 @@ uint64_t health_dropped(const daemon_t* d);
 /// pipeline that goes on still counts itself.
 void health_carry(daemon_t* d, const ipe_pipeline_t* p);
 void health_carried(daemon_t* d, const ipe_pipeline_t* p);
+
+/// Print the counters as last counted, and the latencies.
+void health_print(const daemon_t* d);
 
 /// Send HEALTH.
 void health_send(daemon_t* d, int64_t now_ns);

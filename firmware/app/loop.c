@@ -60,15 +60,21 @@ static void wait_until(daemon_t* d, int64_t due_ns)
     (void)timerfd_settime(d->pace_fd, TFD_TIMER_ABSTIME, &due, NULL);
 }
 
+/// Now, where the replay keeps time; as fast as possible latencies would tell nothing.
+static int64_t replay_arrival(const daemon_t* d)
+{
+    return d->replay.speed > 0.0 ? ipe_host_clock_now(&d->clock) : 0;
+}
+
 /// One item of the recorded input. False when it has to wait.
 static bool replay_item(daemon_t* d)
 {
     ipe_replay_item_t item;
     switch (ipe_replay_next(&d->replay, &item)) {
-    case IPE_REPLAY_FRAME: flow_frame(d, item.frame); return true;
+    case IPE_REPLAY_FRAME: flow_frame(d, item.frame, replay_arrival(d)); return true;
     case IPE_REPLAY_POSITION:
         ipe_publish_position(&d->publisher, item.position->t_ns, item.position->position);
-        flow_position(d, item.position->t_ns, item.position->position);
+        flow_position(d, item.position->t_ns, item.position->position, replay_arrival(d));
         return true;
     case IPE_REPLAY_WAIT:
         if (wait_for_input(d, item.fd)) { return false; }
@@ -91,7 +97,12 @@ static void read_interface(daemon_t* d, unsigned i)
     int n = 1;
     for (int batch = 0; batch < BATCHES_PER_TURN && n > 0; ++batch) {
         n = ipe_source_socketcan_read(&d->interface[i]);
-        for (int k = 0; k < n; ++k) { flow_frame(d, &d->interface[i].frame[k]); }
+        monitor_clock(d);
+        for (int k = 0; k < n; ++k) {
+            ipe_frame_t* frame = &d->interface[i].frame[k];
+            frame->t_ns = ipe_host_clock_map(&d->clock, frame->t_ns);
+            flow_frame(d, frame, frame->t_ns);
+        }
     }
     monitor_interface(d, i);
 }
@@ -104,8 +115,9 @@ static void read_inbox(daemon_t* d)
         if (kind == IPE_INBOX_COMMAND) {
             control_take(d, &item);
         } else {
-            ipe_publish_received(&d->publisher, IPE_PUBLISH_TRACKER, item.t_ns, item.data, item.n);
-            flow_position(d, item.t_ns, item.position);
+            const int64_t t_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, item.t_ns) : item.t_ns;
+            ipe_publish_received(&d->publisher, IPE_PUBLISH_TRACKER, t_ns, item.data, item.n);
+            flow_position(d, t_ns, item.position, ipe_host_clock_now(&d->clock));
         }
     }
 }

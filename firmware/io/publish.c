@@ -220,33 +220,64 @@ static bool is_due(ipe_publish_t* p, int64_t now_ns)
     return true;
 }
 
-void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate)
+bool ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate)
 {
-    if (!is_on(p) || estimate->n_windows == 0 || !is_due(p, now_ns)) { return; }
+    if (!is_on(p) || estimate->n_windows == 0 || !is_due(p, now_ns)) { return false; }
     if (!is_finite(estimate)) {
         p->n_not_finite++;
-        return;
+        return false;
     }
     inertiad_lcm_estimate_t message = {.sequence = p->sequence[IPE_PUBLISH_ESTIMATE],
                                        .n_dropped = (int64_t)p->n_input_dropped};
     copy_estimate(&message, estimate);
-    (void)send(p, IPE_PUBLISH_ESTIMATE, now_ns, inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+    return send(p, IPE_PUBLISH_ESTIMATE, now_ns,
+                inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
-void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* counters,
-                        const double age[IPE_SENSOR_COUNT])
+static void copy_latency(inertiad_lcm_latency_t* to, int64_t bucket[IPE_HISTOGRAM_BUCKETS], const char* name,
+                         const ipe_histogram_t* h)
+{
+    *to = (inertiad_lcm_latency_t){.name = (char*)(uintptr_t)name,
+                                   .n = (int64_t)h->n,
+                                   .p50 = ipe_histogram_quantile(h, 0.5),
+                                   .p99 = ipe_histogram_quantile(h, 0.99),
+                                   .p999 = ipe_histogram_quantile(h, 0.999),
+                                   .longest = ipe_histogram_quantile(h, 1.0),
+                                   .bucket = bucket};
+    for (int b = 0; b < IPE_HISTOGRAM_BUCKETS; ++b) {
+        bucket[b] = (int64_t)h->n_bucket[b];
+        if (bucket[b] > 0) { to->n_buckets = b + 1; }
+    }
+}
+
+void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_health_t* h)
 {
     if (!is_on(p)) { return; }
-    for (unsigned i = 0; i < counters->n; ++i) {
-        // The generated type has no const, and its encoder only reads.
-        p->counter[i].name = (char*)(uintptr_t)counters->item[i].name;
-        p->counter[i].value = (int64_t)counters->item[i].value;
+    inertiad_lcm_bus_t bus[IPE_BUSES_MAX];
+    inertiad_lcm_latency_t latency[IPE_LATENCIES_MAX];
+    // The generated types have no const, and their encoders only read.
+    for (unsigned i = 0; i < h->counters->n; ++i) {
+        p->counter[i].name = (char*)(uintptr_t)h->counters->item[i].name;
+        p->counter[i].value = (int64_t)h->counters->item[i].value;
+    }
+    for (unsigned i = 0; i < h->n_buses; ++i) {
+        bus[i] = (inertiad_lcm_bus_t){.name = (char*)(uintptr_t)h->bus[i].name,
+                                      .up = h->bus[i].is_up ? 1 : 0,
+                                      .condition = (int8_t)h->bus[i].condition};
+    }
+    for (unsigned i = 0; i < h->n_latencies; ++i) {
+        copy_latency(&latency[i], p->bucket[i], h->latency[i].name, h->latency[i].histogram);
     }
     inertiad_lcm_health_t message = {.sequence = p->sequence[IPE_PUBLISH_HEALTH],
                                      .t_ns = t_ns,
-                                     .n_counters = (int32_t)counters->n,
-                                     .counter = p->counter};
-    memcpy(message.age, age, sizeof message.age);
+                                     .n_counters = (int32_t)h->counters->n,
+                                     .counter = p->counter,
+                                     .frozen = h->is_frozen ? 1 : 0,
+                                     .n_buses = (int32_t)h->n_buses,
+                                     .bus = bus,
+                                     .n_latencies = (int32_t)h->n_latencies,
+                                     .latency = latency};
+    memcpy(message.age, h->age, sizeof message.age);
     (void)send(p, IPE_PUBLISH_HEALTH, t_ns, inertiad_lcm_health_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
@@ -293,7 +324,7 @@ void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate)
 {
     ipe_publish_flush(p);
     p->has_estimate_due = false;
-    ipe_publish_estimate(p, estimate->t_ns, estimate);
+    (void)ipe_publish_estimate(p, estimate->t_ns, estimate);
 }
 
 void ipe_publish_close(ipe_publish_t* p)

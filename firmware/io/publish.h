@@ -11,7 +11,9 @@
 #define IPE_PUBLISH_H
 
 #include "command.h"
+#include "bus_state.h"
 #include "counters.h"
+#include "histogram.h"
 #include "message.h"
 #include "pipeline.h"
 #include "record.h"
@@ -42,6 +44,26 @@ typedef enum {
     IPE_PUBLISH_COUNT
 } ipe_publish_channel_t;
 
+enum { IPE_LATENCIES_MAX = 2 };
+
+/// What HEALTH tells. Nothing is kept.
+typedef struct {
+    const ipe_counters_t* counters;
+    double age[IPE_SENSOR_COUNT];  ///< s since the last imu, force, position sample, -1: none
+    bool is_frozen;
+    unsigned n_buses;
+    struct {
+        const char* name;
+        bool is_up;
+        ipe_bus_condition_t condition;
+    } bus[IPE_BUSES_MAX];
+    unsigned n_latencies;
+    struct {
+        const char* name;
+        const ipe_histogram_t* histogram;
+    } latency[IPE_LATENCIES_MAX];
+} ipe_health_t;
+
 typedef struct {
     lcm_t* lcm;                           ///< NULL: off
     ipe_record_t* record;                 ///< NULL: off
@@ -58,6 +80,7 @@ typedef struct {
     inertiad_lcm_signals_row_t row[IPE_PUBLISH_ROWS];
     double row_f[IPE_PUBLISH_ROWS][IPE_CABLES_MAX];
     inertiad_lcm_counter_t counter[IPE_COUNTERS_MAX];
+    int64_t bucket[IPE_LATENCIES_MAX][IPE_HISTOGRAM_BUCKETS];
     uint8_t bytes[IPE_PUBLISH_BYTES];
 
     uint64_t n_input_dropped;  ///< written by the caller: frames and rows lost so far, told in the messages
@@ -95,12 +118,11 @@ void ipe_publish_position(ipe_publish_t* p, int64_t t_ns, const double position[
 /// From now on rows have this configuration's cables and estimates its rate. Sends the open blocks.
 void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config);
 
-/// Send ESTIMATE if it is due at data time now_ns. An estimate with a value that is not finite is never sent.
-void ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate);
+/// Send ESTIMATE if it is due at data time now_ns. An estimate with a value that is not finite is never sent. True: sent.
+bool ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate);
 
-/// Send HEALTH: counters, and age [3] of the last imu, force, position sample [s], -1: none.
-void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_counters_t* counters,
-                        const double age[IPE_SENSOR_COUNT]);
+/// Send HEALTH.
+void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_health_t* health);
 
 /// Send EVENT: what happened, to which stage or bus; one line.
 void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text);

@@ -54,6 +54,11 @@ static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* use
         TEST_ASSERT_EQUAL(n, inertiad_lcm_health_t_decode(buffer->data, 0, n, &health));
         n_received[IPE_PUBLISH_HEALTH]++;
         last_length = health.n_counters;
+        TEST_ASSERT_EQUAL(1, health.frozen);
+        TEST_ASSERT_EQUAL(INERTIAD_LCM_BUS_T_OFF, health.bus[1].condition);
+        TEST_ASSERT_EQUAL_STRING("estimate", health.latency[1].name);
+        TEST_ASSERT_EQUAL_INT64(100, health.latency[1].bucket[health.latency[1].n_buckets - 1]);
+        TEST_ASSERT_EQUAL_DOUBLE(50e-6, health.latency[1].p999);
         (void)snprintf(last_text, sizeof last_text, "%s", health.counter[0].name);
         inertiad_lcm_health_t_decode_cleanup(&health);
     } else if (strcmp(channel, "TEST_EVENT") == 0) {
@@ -174,11 +179,19 @@ static void test_publish_estimate_that_is_not_finite_is_held_back(void)
 static void test_publish_health_and_event_arrive_whole(void)
 {
     static ipe_counters_t counters;
-    const double age[IPE_SENSOR_COUNT] = {0.0, 1.0, -1.0};
+    static ipe_histogram_t histogram;
+    const ipe_health_t health = {.counters = &counters,
+                                 .age = {0.0, 1.0, -1.0},
+                                 .is_frozen = true,
+                                 .n_buses = 2,
+                                 .bus = {{"can0", true, IPE_BUS_ACTIVE}, {"can1", false, IPE_BUS_OFF}},
+                                 .n_latencies = 2,
+                                 .latency = {{"decoded", &histogram}, {"estimate", &histogram}}};
+    for (int i = 0; i < 100; ++i) { ipe_histogram_push(&histogram, 50000); }
     for (int i = 0; i < IPE_COUNTERS_MAX; ++i) {
         ipe_counters_add(&counters, "stage_with_a_long_name", "cause_that_is_long", 7);
     }
-    ipe_publish_health(&publisher, 1, &counters, age);
+    ipe_publish_health(&publisher, 1, &health);
     handle_all();
     TEST_ASSERT_EQUAL(IPE_COUNTERS_MAX, last_length);
     TEST_ASSERT_EQUAL_STRING("stage_with_a_long_name.cause_that_is_long", last_text);

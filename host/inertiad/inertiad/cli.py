@@ -207,7 +207,7 @@ def watch(
     prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
 ) -> None:
-    """Show the daemon's estimate with its standard deviations, live."""
+    """Show the daemon's estimate with its standard deviations, buses, latencies, losses and events, live."""
     from inertiad import watch as watcher
 
     watcher.watch(url, prefix, seconds)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A live table of the daemon's estimate: LCM in, terminal out."""
+"""A live screen of what the daemon publishes: estimate, buses, latencies, losses, events. LCM in, terminal out."""
 
 import os
 import sys
 import time
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -16,12 +17,13 @@ from rich.text import Text
 
 from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS, of_message
-from inertiad_lcm import estimate_t, health_t
+from inertiad_lcm import bus_t, estimate_t, event_t, health_t
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 DEFAULT_PREFIX = "INERTIAD_"
 SILENT_AFTER = 2.0
 """s without a message after which the table says so"""
+EVENTS_SHOWN = 6
 
 
 @contextmanager
@@ -57,6 +59,9 @@ class Latest:
     def __init__(self) -> None:
         self.estimate: estimate_t | None = None
         self.health: health_t | None = None
+        self.before: health_t | None = None
+        """the HEALTH before that, for rates"""
+        self.events: deque[event_t] = deque(maxlen=EVENTS_SHOWN)
         self.heard = time.monotonic()
 
     def on_estimate(self, _channel: str, data: bytes) -> None:
@@ -64,7 +69,11 @@ class Latest:
         self.heard = time.monotonic()
 
     def on_health(self, _channel: str, data: bytes) -> None:
-        self.health = health_t.decode(data)
+        self.before, self.health = self.health, health_t.decode(data)
+        self.heard = time.monotonic()
+
+    def on_event(self, _channel: str, data: bytes) -> None:
+        self.events.append(event_t.decode(data))
         self.heard = time.monotonic()
 
     @property
@@ -93,14 +102,82 @@ def _summary(estimate: estimate_t) -> Text:
 
 
 _AGE_NAMES = ("imu", "force", "position")
+_CONDITIONS = {bus_t.ACTIVE: "active", bus_t.WARNING: "warning", bus_t.PASSIVE: "passive", bus_t.OFF: "bus-off"}
+_LOSSES = ("dropped_by_kernel", "dropped_by_logger", "controller_overruns")
+_UNWANTED = {
+    "late",
+    "missing",
+    "overrun",
+    "backwards",
+    "not_finite",
+    "incomplete",
+    "bad_length",
+    "duplicate",
+    "dropped",
+    "failed",
+}
 
 
-def _health_line(health: health_t) -> Text:
+def _counters(health: health_t | None) -> dict[str, int]:
+    return {} if health is None else {c.name: c.value for c in health.counter}
+
+
+def _sensor_line(health: health_t) -> Text:
     ages = ", ".join(
         f"{name} {'none yet' if age < 0 else f'{1e3 * age:.0f} ms'}"
         for name, age in zip(_AGE_NAMES, health.age, strict=True)
     )
     return Text(f"age of last sample: {ages}", style="dim")
+
+
+def _bus_table(health: health_t, before: health_t | None) -> Table:
+    now, then = _counters(health), _counters(before)
+    seconds = 1e-9 * (health.t_ns - before.t_ns) if before is not None else 0.0
+    table = Table(title="buses", title_justify="left", min_width=52)
+    for heading in ("", "state", "frames/s", "frames", "errors", "lost"):
+        table.add_column(heading, justify="left" if heading in ("", "state") else "right")
+    for i, bus in enumerate(health.bus):
+        frames = now.get(f"bus{i}.frames", 0)
+        rate = f"{(frames - then.get(f'bus{i}.frames', 0)) / seconds:.0f}" if seconds > 0 else ""
+        lost = sum(now.get(f"bus{i}.{cause}", 0) for cause in _LOSSES)
+        good = bus.up and bus.condition == bus_t.ACTIVE
+        state = Text(_CONDITIONS.get(bus.condition, "?") if bus.up else "down", style="green" if good else "red")
+        errors = str(now.get(f"bus{i}.error_frames", 0))
+        table.add_row(bus.name, state, rate, str(frames), errors, Text(str(lost), style="red" if lost else ""))
+    return table
+
+
+def _latency_table(health: health_t) -> Table:
+    table = Table(title="latency after the frame's arrival, µs", title_justify="left", min_width=52)
+    for heading in ("", "p50", "p99", "p99.9", "longest", "n"):
+        table.add_column(heading, justify="left" if heading == "" else "right")
+    for x in health.latency:
+        table.add_row(x.name, *(f"{1e6 * value:.1f}" for value in (x.p50, x.p99, x.p999, x.longest)), str(x.n))
+    return table
+
+
+def _loss_line(health: health_t) -> Text:
+    """Counters of what should not happen, if it did."""
+    lost = {name: n for name, n in _counters(health).items() if n and name.rsplit(".", 1)[-1] in _UNWANTED}
+    if not lost:
+        return Text("nothing lost", style="green")
+    return Text("lost: " + ", ".join(f"{name} {n}" for name, n in lost.items()), style="yellow")
+
+
+def _event_line(event: event_t) -> Text:
+    clock = time.strftime("%H:%M:%S", time.localtime(1e-9 * event.t_ns))
+    style = {event_t.DONE: "green", event_t.REFUSED: "red"}.get(event.kind, "")
+    return Text(f"{clock}  {event.source}: {event.text}", style=style)
+
+
+def _health_parts(health: health_t, before: health_t | None) -> list[Any]:
+    parts: list[Any] = [_bus_table(health, before)]
+    if any(x.n for x in health.latency):
+        parts.append(_latency_table(health))
+    parts += [_sensor_line(health), _loss_line(health)]
+    if health.frozen:
+        parts.append(Text("frozen: nothing is learnt", style="cyan"))
+    return parts
 
 
 def _view(latest: Latest, url: str) -> Group:
@@ -110,7 +187,8 @@ def _view(latest: Latest, url: str) -> Group:
     else:
         parts += [_estimate_table(latest.estimate), _summary(latest.estimate)]
     if latest.health is not None:
-        parts.append(_health_line(latest.health))
+        parts += _health_parts(latest.health, latest.before)
+    parts += [_event_line(event) for event in latest.events]
     if latest.silence > SILENT_AFTER:
         parts.append(Text(f"no message for {latest.silence:.0f} s", style="yellow"))
     return Group(*parts)
@@ -122,6 +200,7 @@ def watch(url: str, prefix: str, seconds: float | None) -> None:
     latest = Latest()
     bus.subscribe(f"{prefix}ESTIMATE", latest.on_estimate)
     bus.subscribe(f"{prefix}HEALTH", latest.on_health)
+    bus.subscribe(f"{prefix}EVENT", latest.on_event)
     end = None if seconds is None else time.monotonic() + seconds
     with Live(_view(latest, url), console=Console(), refresh_per_second=10, transient=False) as live:
         while end is None or time.monotonic() < end:

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What happens to buses, sensors and the record is told on EVENT, counted, and leaves the estimate alive."""
+
+import resource
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import COGIRO, TOP
+
+from inertiad import compile as compiler
+from inertiad import lcmlog
+from inertiad import robot as description
+from inertiad_lcm import event_t, health_t
+
+DAEMON = TOP / "build/bin/inertiad"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """Six seconds at rest."""
+    folder = tmp_path_factory.mktemp("run")
+    command = [TOP / "build/bin/inertiactl", "simulate", COGIRO / "robot.toml", "-o", folder, "--trajectory", "hold"]
+    more = ["--duration", "6", "--rate", "100", "--seed", "5"]
+    subprocess.run([*map(str, command), *more], check=True, capture_output=True)
+    compiler.write(folder / "robot.cfg", description.load(folder / "robot.toml"), "robot.toml")
+    return folder
+
+
+def stamp(line: str) -> float:
+    return float(line[1 : line.index(")")])
+
+
+def daemon(run: Path, log: Path, record: Path, *more: object, **how) -> subprocess.CompletedProcess:
+    command = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{log}", "--tracker", f"file:{run}/tracker.csv"]
+    arguments = [*command, "--lcm", "none", "--record", record, *more]
+    return subprocess.run([str(a) for a in arguments], capture_output=True, text=True, timeout=60, **how)
+
+
+def events_of(record: Path) -> list[tuple[str, str]]:
+    events = [event_t.decode(e.data) for e in lcmlog.read(record) if e.channel == "INERTIAD_EVENT"]
+    return [(e.source, e.text) for e in events]
+
+
+def last_health(record: Path) -> health_t:
+    return [health_t.decode(e.data) for e in lcmlog.read(record) if e.channel == "INERTIAD_HEALTH"][-1]
+
+
+def counters(result: subprocess.CompletedProcess) -> dict[str, int]:
+    rows = [line.removeprefix("inertiad: ").split() for line in result.stderr.splitlines()]
+    return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
+
+
+def test_sensor_that_falls_silent_is_told_lost_and_back(run, tmp_path):
+    lines = (run / "can.log").read_text().splitlines()
+    begin = stamp(lines[0])
+    force = {line.split()[2].split("#")[0] for line in lines if "#" in line}
+    force = sorted(force)[-2:]  # the force frames have the highest identifiers
+    kept = [x for x in lines if not (2.0 < stamp(x) - begin < 3.5 and x.split()[2].split("#")[0] in force)]
+    log = tmp_path / "can.log"
+    log.write_text("\n".join(kept) + "\n")
+    result = daemon(run, log, tmp_path / "run.lcmlog")
+    assert result.returncode == 0
+    told = [(source, text.split(",")[0].split(" after ")[0]) for source, text in events_of(tmp_path / "run.lcmlog")]
+    assert told == [("force", "lost"), ("force", "back")]
+    back = events_of(tmp_path / "run.lcmlog")[1][1]
+    assert float(back.split()[2]) == pytest.approx(1.5, abs=0.25)
+    n = counters(result)
+    assert (n["imu.lost"], n["force.lost"], n["position.lost"]) == (0, 1, 0)
+    assert n["align.rows"] + sum(n[f"align.{c}"] for c in ("force.missing", "force.late", "overrun")) > 590
+
+
+def test_states_of_the_controller_are_told_once_and_counted(run, tmp_path):
+    lines = (run / "can.log").read_text().splitlines()
+    begin = stamp(lines[0])
+    frames = {1.0: "20000004#0004000000000000", 2.0: "20000004#0010000000000000", 3.0: "20000040#0000000000000000"}
+    frames |= {3.5: "20000100#0000000000000000", 4.0: "20000004#0001000000000000"}
+    extra = [f"({begin + t:.6f}) can0 {frame}" for t, frame in frames.items() for _ in range(3)]
+    log = tmp_path / "can.log"
+    log.write_text("\n".join(sorted(lines + extra, key=stamp)) + "\n")
+    result = daemon(run, log, tmp_path / "run.lcmlog")
+    assert result.returncode == 0
+    texts = [text for source, text in events_of(tmp_path / "run.lcmlog") if source == str(log)]
+    assert texts[:6] == ["error-warning", "error-passive", "bus-off", "restarted", "restarted", "restarted"]
+    assert "frames are lost" in texts[6]
+    n = counters(result)
+    names = ("error_warning", "error_passive", "bus_off", "restarted", "controller_overruns", "error_frames")
+    assert [n[f"bus0.{name}"] for name in names] == [1, 1, 1, 3, 3, 15]
+    health = last_health(tmp_path / "run.lcmlog")
+    assert (health.bus[0].name, bool(health.bus[0].up), health.bus[0].condition) == (str(log), True, 0)
+
+
+def test_full_disk_is_told_and_counted_and_the_rest_goes_on(run, tmp_path):
+    """A limit on the size of files stands for the full disk."""
+
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+
+    result = daemon(run, run / "can.log", tmp_path / "run.lcmlog", preexec_fn=limit)
+    assert result.returncode == 1  # the record of a replay is not whole
+    n = counters(result)
+    assert n["record.dropped"] > 0 and n["record.errors"] > 0 and n["rls.updates"] > 30
+    assert f"lacks {n['record.dropped']} messages: File too large" in result.stderr
+    remarks: list[str] = []
+    assert len(list(lcmlog.read(tmp_path / "run.lcmlog", remarks))) == n["record.messages"] + 1 and not remarks
+
+
+def test_latencies_are_measured_where_time_is_kept(run, tmp_path):
+    lines = (run / "can.log").read_text().splitlines()
+    log = tmp_path / "can.log"
+    log.write_text("\n".join(lines[: len(lines) // 3]) + "\n")
+    result = daemon(run, f"{log}?speed=1", tmp_path / "run.lcmlog")
+    health = last_health(tmp_path / "run.lcmlog")
+    decoded, estimate = health.latency
+    assert (decoded.name, estimate.name) == ("decoded", "estimate")
+    assert decoded.n == counters(result)["bus0.frames"] == sum(decoded.bucket)
+    assert estimate.n > 50
+    for x in (decoded, estimate):
+        assert 0 < x.p50 <= x.p99 <= x.p999 <= x.longest < 1.0
+    assert "latency.estimate: " in result.stderr
+    daemon(run, log, tmp_path / "fast.lcmlog")
+    assert [x.n for x in last_health(tmp_path / "fast.lcmlog").latency] == [0, 0]
