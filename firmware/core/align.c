@@ -8,6 +8,8 @@
 
 #define SAME_INSTANT_NS 1000     // closer than this, a sample is taken as it is
 #define RESTART_NS 1000000000LL  // a stamp further back than this starts the sensor again
+#define REORDERED_MAX 8          // samples that one may come late
+#define DUPLICATE 8              // parts of the spacing; closer than one to another sample, a late one is a copy of it
 
 static int64_t to_ns(double seconds)
 {
@@ -35,21 +37,13 @@ static int64_t stamp(const ipe_ring_t* ring, uint64_t i)
 
 static uint64_t oldest(const ipe_ring_t* ring)
 {
-    return ring->head > IPE_RING ? ring->head - IPE_RING : 0;
+    return ring->head > ring->first + IPE_RING ? ring->head - IPE_RING : ring->first;
 }
 
-static ipe_status_t check_time(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns)
+/// One past the newest sample whose instant is known.
+static uint64_t timed(const ipe_ring_t* ring)
 {
-    ipe_ring_t* ring = &a->ring[sensor];
-    if (ring->head == 0 || t_ns > stamp(ring, ring->head - 1)) { return IPE_OK; }
-    if (stamp(ring, ring->head - 1) - t_ns > RESTART_NS) {
-        ++a->n_restarts[sensor];
-        ring->head = 0;
-        ring->cursor = 0;
-        return IPE_OK;
-    }
-    ++a->n_backwards[sensor];
-    return IPE_ERR_TIME;
+    return ring->head - ring->n_held;
 }
 
 /// Quaternion of the reading, normalised. False if it is not one.
@@ -64,9 +58,9 @@ static bool read_attitude(const ipe_align_t* a, const double* value, double q[4]
     return fabs(norm - 1.0) < 0.1;
 }
 
-static void store(ipe_align_t* a, ipe_sensor_t sensor, const double* value, const double q[4])
+static void store(ipe_align_t* a, ipe_sensor_t sensor, uint64_t place, const double* value, const double q[4])
 {
-    const uint64_t at = a->ring[sensor].head % IPE_RING;
+    const uint64_t at = place % IPE_RING;
     if (sensor == IPE_FORCE) {
         memcpy(a->force[at], value, sizeof(double) * (size_t)a->n_cables);
     } else if (sensor == IPE_POSITION) {
@@ -82,31 +76,129 @@ static size_t width(const ipe_align_t* a, ipe_sensor_t sensor)
     return sensor == IPE_FORCE ? (size_t)a->n_cables : sensor == IPE_POSITION ? 3U : a->has_rpy ? 9U : 10U;
 }
 
-ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+static void copy_sample(ipe_align_t* a, ipe_sensor_t sensor, uint64_t from, uint64_t to)
+{
+    const uint64_t i = from % IPE_RING, j = to % IPE_RING;
+    a->ring[sensor].t_ns[j] = a->ring[sensor].t_ns[i];
+    switch (sensor) {
+    case IPE_IMU: memcpy(a->imu[j], a->imu[i], sizeof a->imu[0]); break;
+    case IPE_FORCE: memcpy(a->force[j], a->force[i], sizeof a->force[0]); break;
+    default: memcpy(a->position[j], a->position[i], sizeof a->position[0]); break;
+    }
+}
+
+/// Room for one sample at place i, newer ones move up; rows still waiting may be overrun.
+static void open_place(ipe_align_t* a, ipe_sensor_t sensor, uint64_t i)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    for (uint64_t j = ring->head; j > i; --j) { copy_sample(a, sensor, j - 1, j); }
+    ++ring->head;
+    if (sensor == IPE_IMU && ring->cursor < oldest(ring)) {
+        ring->cursor = oldest(ring);
+        ++a->n_overrun;
+    }
+}
+
+/// Where a stamp belongs: at the head, or between earlier samples that no row has used yet.
+static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, uint64_t* place)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    const uint64_t used = sensor == IPE_IMU ? ring->cursor : ring->cursor + 1;  // from here on samples are free to move
+    uint64_t i = ring->head;
+    *place = i;
+    if (i == ring->first || t_ns > stamp(ring, i - 1)) { return IPE_OK; }
+    if (stamp(ring, i - 1) - t_ns > RESTART_NS) {
+        ++a->n_restarts[sensor];
+        ring->first = ring->cursor = ring->head;
+        return IPE_OK;
+    }
+    const int64_t spacing = i > oldest(ring) + 1 ? stamp(ring, i - 1) - stamp(ring, i - 2) : 0;
+    while (i > oldest(ring) && ring->head - i <= REORDERED_MAX && stamp(ring, i - 1) > t_ns) { --i; }
+    const bool has_before = i > oldest(ring), has_after = i < ring->head;
+    if ((has_before && t_ns - stamp(ring, i - 1) <= spacing / DUPLICATE) ||
+        (has_after && stamp(ring, i) - t_ns <= spacing / DUPLICATE)) {
+        ++a->n_duplicate[sensor];
+        return IPE_ERR_TIME;
+    }
+    if (i < used || ring->head - i > REORDERED_MAX || !has_before) {
+        ++a->n_backwards[sensor];
+        return IPE_ERR_TIME;
+    }
+    ++a->n_reordered[sensor];
+    *place = i;
+    return IPE_OK;
+}
+
+/// Is the sample usable whatever its time? q: attitude of an IMU sample.
+static ipe_status_t check_value(ipe_align_t* a, ipe_sensor_t sensor, const double* value, double q[4])
 {
     assert(sensor >= IPE_IMU && sensor < IPE_SENSOR_COUNT);
     if (!all_finite(value, width(a, sensor))) {
         ++a->n_nonfinite[sensor];
         return IPE_ERR_NONFINITE;
     }
-    double q[4];
     if (sensor == IPE_IMU && !read_attitude(a, value + 6, q)) {
         ++a->n_bad_quaternion;
         return IPE_ERR_RANGE;
     }
-    const int64_t instant = t_ns - a->delay_ns[sensor];
-    const ipe_status_t status = check_time(a, sensor, instant);
-    if (status != IPE_OK) { return status; }
-    store(a, sensor, value, q);
-    ipe_ring_t* ring = &a->ring[sensor];
-    ring->t_ns[ring->head % IPE_RING] = instant;
-    ++ring->head;
-    ++a->n_samples[sensor];
-    if (sensor == IPE_IMU && ring->cursor < oldest(ring)) {
-        ring->cursor = oldest(ring);
-        ++a->n_overrun;
-    }
     return IPE_OK;
+}
+
+ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+{
+    double q[4];
+    uint64_t place;
+    const int64_t instant = t_ns - a->delay_ns[sensor];
+    ipe_status_t status = check_value(a, sensor, value, q);
+    if (status == IPE_OK) { status = find_place(a, sensor, instant, &place); }
+    if (status != IPE_OK) { return status; }
+    open_place(a, sensor, place);
+    store(a, sensor, place, value, q);
+    a->ring[sensor].t_ns[place % IPE_RING] = instant;
+    ++a->n_samples[sensor];
+    return IPE_OK;
+}
+
+ipe_status_t ipe_align_hold(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+{
+    double q[4];
+    ipe_ring_t* ring = &a->ring[sensor];
+    const ipe_status_t status = check_value(a, sensor, value, q);
+    if (status != IPE_OK) { return status; }
+    const int64_t latest = t_ns - a->delay_ns[sensor];
+    const bool has_two = ring->n_held == 0 && ring->head > ring->first + 1;
+    const int64_t spacing = has_two ? stamp(ring, ring->head - 1) - stamp(ring, ring->head - 2) : 0;
+    const int64_t back = ring->head > ring->first ? stamp(ring, ring->head - 1) + spacing / DUPLICATE - latest : 0;
+    if (back > 0 && back <= RESTART_NS) {
+        ++a->n_backwards[sensor];
+        return IPE_ERR_TIME;
+    }
+    if (ring->n_held == IPE_PACE_HOLD) { ipe_align_settle(a, sensor, IPE_PACE_HOLD - 1, NULL); }
+    open_place(a, sensor, ring->head);
+    store(a, sensor, ring->head - 1, value, q);
+    ring->t_ns[(ring->head - 1) % IPE_RING] = latest;
+    ++ring->n_held;
+    return IPE_OK;
+}
+
+void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t* t_ns)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    const uint64_t end = ring->head, keep = (uint64_t)n;
+    ring->head -= ring->n_held;
+    ring->n_held = 0;
+    for (uint64_t i = end - keep; i < end; ++i) {
+        uint64_t place = ring->head;
+        if (t_ns != NULL) {
+            const int64_t instant = t_ns[i - (end - keep)] - a->delay_ns[sensor];
+            if (find_place(a, sensor, instant, &place) != IPE_OK || place != ring->head) { continue; }
+            ring->t_ns[i % IPE_RING] = instant;
+            ++a->n_samples[sensor];
+        }
+        copy_sample(a, sensor, i, place);
+        ++ring->head;
+    }
+    if (t_ns == NULL) { ring->n_held = (unsigned)n; }
 }
 
 typedef enum { FOUND, WAIT, GAP, LATE } search_t;
@@ -116,12 +208,14 @@ static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, bool m
 {
     ipe_ring_t* ring = &a->ring[sensor];
     if (ring->cursor < oldest(ring)) { ring->cursor = oldest(ring); }
-    while (ring->cursor + 1 < ring->head && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) { ++ring->cursor; }
-    if (ring->head == 0) { return may_wait ? WAIT : LATE; }
+    while (ring->cursor + 1 < timed(ring) && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) {
+        ++ring->cursor;
+    }
+    if (timed(ring) == ring->first) { return may_wait ? WAIT : LATE; }
     const int64_t since = t_ns - stamp(ring, ring->cursor);
     if (since < -SAME_INSTANT_NS) { return GAP; }
     if (since <= SAME_INSTANT_NS) { return FOUND; }
-    const uint64_t behind = ring->head - 1 - ring->cursor;
+    const uint64_t behind = timed(ring) - 1 - ring->cursor;
     if (behind < 2 && may_wait) { return WAIT; }
     if (behind < 1) { return LATE; }
     return stamp(ring, ring->cursor + 1) - stamp(ring, ring->cursor) > a->max_age_ns[sensor] ? GAP : FOUND;
@@ -139,7 +233,7 @@ static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t
     const double h01 = x * x * (3.0 - 2.0 * x), h11 = x * x * (x - 1.0);
     weight[0] = 0.0, weight[1] = h00, weight[2] = h01, weight[3] = 0.0;
     const int64_t before = i > oldest(ring) ? stamp(ring, i) - stamp(ring, i - 1) : 0;
-    const int64_t after = i + 2 < ring->head ? stamp(ring, i + 2) - stamp(ring, i + 1) : 0;
+    const int64_t after = i + 2 < timed(ring) ? stamp(ring, i + 2) - stamp(ring, i + 1) : 0;
     if (before > 0 && before <= a->max_age_ns[sensor]) {
         const double g = 1e-9 * (double)before;  // slope at i: parabola through i - 1, i, i + 1
         weight[0] += h10 * (-h * h / (g * (g + h)));
@@ -196,9 +290,9 @@ static void fill_row(ipe_align_t* a, int64_t t_ns, ipe_row_t* row)
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
 {
     ipe_ring_t* imu = &a->ring[IPE_IMU];
-    for (; imu->cursor < imu->head; ++imu->cursor) {
+    for (; imu->cursor < timed(imu); ++imu->cursor) {
         const int64_t t_ns = stamp(imu, imu->cursor);
-        const bool may_wait = !a->is_ending && stamp(imu, imu->head - 1) - t_ns <= a->max_wait_ns;
+        const bool may_wait = !a->is_ending && stamp(imu, timed(imu) - 1) - t_ns <= a->max_wait_ns;
         search_t worst = FOUND;
         for (int s = IPE_FORCE; s < IPE_SENSOR_COUNT && worst == FOUND; ++s) {
             if (s == IPE_POSITION && a->position_source == IPE_POSITION_FIXED) { continue; }

@@ -4,6 +4,8 @@
 /// A row waits until force and position reach past its instant, at most max_wait; they are interpolated there by a cubic
 /// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. What a row
 /// could not get is counted by cause and the row is dropped: a row is whole or it does not exist.
+/// A sample may come up to 8 samples late if no row has used its neighbours yet. Samples whose instant is not known yet are
+/// held in the ring; rows wait for them as for samples that have not come.
 /// 25 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
 /// were pushed, as long as no row waits longer than max_wait.
 #ifndef IPE_ALIGN_H
@@ -11,6 +13,7 @@
 
 #include "config.h"
 #include "group.h"
+#include "pace.h"
 #include "types.h"
 
 enum { IPE_RING = 96 };
@@ -18,7 +21,9 @@ enum { IPE_RING = 96 };
 /// The last IPE_RING samples of one sensor; sample i is at i % IPE_RING.
 typedef struct {
     int64_t t_ns[IPE_RING];
-    uint64_t head;    ///< samples pushed since the last restart
+    uint64_t first;   ///< the oldest since the last restart
+    uint64_t head;    ///< one past the newest
+    unsigned n_held;  ///< of these, newest: instant not known yet
     uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
 } ipe_ring_t;
 
@@ -36,7 +41,9 @@ typedef struct {
     double position[IPE_RING][3];
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
-    uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: stamp not after the one before
+    uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
+    uint64_t n_duplicate[IPE_SENSOR_COUNT];  ///< refused: a sample of that instant is there
+    uint64_t n_reordered[IPE_SENSOR_COUNT];  ///< taken in, though they came after later ones
     uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< stamps stepped back by over a second: started again
     uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< refused: a value is NaN or Inf
     uint64_t n_bad_quaternion;               ///< IMU samples refused: quaternion's length not 1 +- 0.1
@@ -52,6 +59,13 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config);
 ///
 /// IPE_OK; IPE_ERR_TIME, IPE_ERR_NONFINITE, IPE_ERR_RANGE (quaternion): refused and counted, nothing else changed.
 ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
+
+/// Take one sample that was taken before host time t_ns, its stamp, but it is not known when. At most IPE_PACE_HOLD are
+/// kept, older ones drop out (ipe_pace_t counts). Status as of ipe_align_push().
+ipe_status_t ipe_align_hold(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
+
+/// The newest n samples held were taken at host times t_ns [n], oldest first; older ones are dropped.
+void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t* t_ns);
 
 /// The next row, if its sensors are all there. IPE_OK or IPE_NOT_READY; dropped rows are skipped and counted.
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);

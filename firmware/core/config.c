@@ -174,3 +174,12 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     check_range(c, "estimate_rate", -1, k->estimate_rate, 0.01, 1e4, "Hz");
     return c->good ? IPE_OK : IPE_ERR_CONFIG;
 }
+
+double ipe_config_wrap(const ipe_config_t* config, int quantity)
+{
+    for (int i = 0; i < config->n_signals; ++i) {
+        const ipe_signal_t* s = &config->signal[i];
+        if (s->quantity == quantity && s->kind == IPE_INTEGER) { return ldexp(fabs(s->scale), s->length); }
+    }
+    return 0.0;
+}

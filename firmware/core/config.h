@@ -91,4 +91,7 @@ typedef struct {
 /// IPE_OK or IPE_ERR_CONFIG. The only function of the core that formats text. No state.
 ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t size);
 
+/// Value after which an integer signal bound to this quantity starts again at 0, in the quantity's unit; 0: never, or unbound.
+double ipe_config_wrap(const ipe_config_t* config, int quantity);
+
 #endif

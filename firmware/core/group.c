@@ -1,10 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "group.h"
 
+#include <math.h>
 #include <string.h>
 
-#define SPREAD 0.8          // of the period that the frames of a sample without counter may take
-#define DROPPED_IN_A_ROW 4  // samples, then the period is measured again
+#define SPREAD 0.8            // of the period that the frames of a sample without counter may take
+#define DROPPED_IN_A_ROW 8    // samples, then the period is measured again
+#define SETTLED_INTERVALS 16  // then the silences are known
+#define MEDIAN_STEP 0.02F     // of the period
+#define CLEARLY 1.2F          // times the silence before its frames: which is the first one
+#define REORDERED_MAX 8.0     // samples that one may come late
+#define COUNTER_SLACK_S 2.0   // that counter and host stamps may differ; beyond, the counter jumped
 
 static void require(ipe_group_t* g, int first, int n)
 {
@@ -42,6 +48,7 @@ void ipe_group_init(ipe_group_t* g, ipe_sensor_t sensor, const ipe_config_t* con
     default: require(g, IPE_Q_POS_X, 3); break;
     }
     g->has_counter = is_bound(config, g->counter_quantity);
+    g->counter_wrap = ipe_config_wrap(config, g->counter_quantity);
     if (is_bound(config, g->time_quantity)) { g->required |= 1ULL << g->time_quantity; }
     g->optional = 1ULL << g->counter_quantity;
 }
@@ -71,10 +78,29 @@ static double seconds(int64_t from_ns, int64_t to_ns)
     return 1e-9 * (double)(to_ns - from_ns);
 }
 
+/// Learn the silence before each frame of a sample. Is this one clearly the first, the one after the longest silence?
+static bool is_first(ipe_group_t* g, const content_t* c, int64_t t_ns)
+{
+    const int lowest = __builtin_ctzll(c->present | 1ULL << 63);
+    const int own = lowest < IPE_Q_COUNT && lowest != g->time_quantity ? g->place[lowest] : IPE_GROUP_VALUES;
+    const double silence = seconds(g->last_ns, t_ns);
+    g->last_ns = t_ns;
+    if (g->n_complete > 0 && silence > 0.0 && silence < 2.0 * g->period) {
+        const float step = MEDIAN_STEP * (float)g->period;  // towards the median: losses must not move it
+        g->silence[own] = g->silence[own] == 0.0F            ? (float)silence
+                          : (float)silence > g->silence[own] ? g->silence[own] + step
+                                                             : g->silence[own] - step;
+    }
+    float others = 0.0F;
+    for (int i = 0; i <= IPE_GROUP_VALUES; ++i) { others = i == own ? others : fmaxf(others, g->silence[i]); }
+    return g->n_intervals > SETTLED_INTERVALS && g->silence[own] > CLEARLY * others;
+}
+
 /// Does a frame with this content start another sample than the open one?
-static bool starts_another(const ipe_group_t* g, const content_t* c, int64_t t_ns)
+static bool starts_another(ipe_group_t* g, const content_t* c, int64_t t_ns)
 {
     if (c->has_counter) { return c->counter != g->counter; }
+    if (!g->has_counter && is_first(g, c, t_ns)) { return true; }
     const double longest = (g->has_counter ? 1.0 : SPREAD) * g->period;
     const bool is_late = g->period > 0.0 && seconds(g->opened_ns, t_ns) > longest;
     return is_late || (!g->has_counter && (g->present & c->present) != 0);
@@ -91,6 +117,7 @@ static void open_sample(ipe_group_t* g, int64_t t_ns)
 {
     g->is_open = true;
     g->present = 0;
+    g->n_open_frames = 0;
     g->counter = -1.0;
     g->opened_ns = t_ns;
     g->reading.t_ns = t_ns;
@@ -112,15 +139,37 @@ static void take_values(ipe_group_t* g, const ipe_sample_t* sample, uint64_t wan
     g->present |= wanted;
 }
 
+/// Samples from the last complete one to this, from its counter; what is in between was lost. 0: no counter, or it jumped.
+static uint64_t count_step(ipe_group_t* g)
+{
+    if (!g->has_counter || g->n_complete == 0 || g->period == 0.0) { return 0; }
+    const double difference = g->counter - g->completed_counter, wrap = g->counter_wrap;
+    const double step = wrap > 0.0 && difference < 0.0 ? difference + wrap : difference;
+    const bool is_reordered = step < 0.0 ? step >= -REORDERED_MAX : wrap > 0.0 && wrap - step <= REORDERED_MAX;
+    if (is_reordered) {
+        g->n_lost -= g->n_lost > 0;
+        return 0;
+    }
+    if (step < 0.0 || fabs(step * g->period - seconds(g->completed_ns, g->opened_ns)) > COUNTER_SLACK_S) {
+        ++g->n_jumps;
+        return 0;
+    }
+    g->n_lost += (uint64_t)fmax(step - 1.0 - g->n_dropped_since, 0.0);
+    return (uint64_t)step;
+}
+
 static void close_sample(ipe_group_t* g)
 {
     const double interval = seconds(g->completed_ns, g->opened_ns);
+    g->reading.step = count_step(g);
+    g->n_used += g->n_open_frames;
     if (g->n_complete > 0 && g->n_intervals++ == 0) {
         g->period = interval;
-    } else if (interval < 2.0 * g->period) {
+    } else if (interval < 1.5 * g->period) {
         g->period += 0.1 * (interval - g->period);
     }
     g->n_dropped_in_a_row = 0;
+    g->n_dropped_since = 0;
     g->completed_ns = g->opened_ns;
     g->completed_counter = g->counter;
     g->is_open = false;
@@ -131,6 +180,8 @@ static void drop_sample(ipe_group_t* g)
 {
     g->is_open = false;
     ++g->n_incomplete;
+    ++g->n_dropped_since;
+    g->n_dropped += g->n_open_frames;
     if (++g->n_dropped_in_a_row >= DROPPED_IN_A_ROW) {
         g->period = 0.0;
         g->n_intervals = 0;
@@ -142,16 +193,18 @@ ipe_status_t ipe_group_push(ipe_group_t* g, const ipe_sample_t* sample, ipe_read
     const content_t c = content_of(g, sample);
     if (c.present == 0 && !c.has_counter) { return IPE_IGNORED; }
     const int64_t t_ns = sample->t_ns - (int64_t)(1e9 * sample->wire_time);
-    if (g->is_open && starts_another(g, &c, t_ns)) { drop_sample(g); }
-    if (!g->is_open) {
-        if (repeats_last(g, &c, t_ns)) {
-            ++g->n_duplicate;
-            return IPE_NOT_READY;
-        }
-        open_sample(g, t_ns);
+    if (starts_another(g, &c, t_ns) && g->is_open) { drop_sample(g); }
+    if (!g->is_open && repeats_last(g, &c, t_ns)) {
+        ++g->n_duplicate;
+        return IPE_NOT_READY;
     }
+    if (!g->is_open) { open_sample(g, t_ns); }
     if (c.has_counter) { g->counter = c.counter; }
-    if (g->present & c.present) { ++g->n_duplicate; }
+    if (c.present != 0 && (g->present & c.present) == c.present) {
+        ++g->n_duplicate;
+        return IPE_NOT_READY;
+    }
+    ++g->n_open_frames;
     take_values(g, sample, c.present & ~g->present);
     if (g->present != g->required) { return IPE_NOT_READY; }
     close_sample(g);

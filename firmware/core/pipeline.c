@@ -20,18 +20,6 @@
 
 static_assert(sizeof(ipe_pipeline_t) <= 64 * 1024, "the state's budget in firmware/DESIGN.md");
 
-/// Seconds after which the sensor's device time starts again at 0, from the signal that carries it.
-static double device_time_wrap(const ipe_config_t* config, ipe_sensor_t sensor)
-{
-    for (int i = 0; i < config->n_signals; ++i) {
-        const ipe_signal_t* s = &config->signal[i];
-        if (s->quantity == (int32_t)IPE_Q_IMU_TIME + (int32_t)sensor && s->kind == IPE_INTEGER) {
-            return ldexp(fabs(s->scale), s->length);
-        }
-    }
-    return 0.0;
-}
-
 /// Inverse of the lower Cholesky factor of P [10][10], so that rows h = inverse, variance 1, are the prior again.
 static bool prior_rows(const double P[IPE_NP][IPE_NP], double rows[IPE_NP][IPE_NP])
 {
@@ -97,8 +85,10 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
     ipe_decode_init(&p->decode, &p->config);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         ipe_group_init(&p->group[s], (ipe_sensor_t)s, &p->config);
-        ipe_clock_init(&p->clock[s], device_time_wrap(&p->config, (ipe_sensor_t)s), IPE_CLOCK_RATE_SPAN);
+        ipe_clock_init(&p->clock[s], ipe_config_wrap(&p->config, IPE_Q_IMU_TIME + s), IPE_CLOCK_RATE_SPAN);
+        ipe_pace_init(&p->pace[s]);
     }
+    ipe_stuck_init(&p->stuck, &p->config);
     ipe_align_init(&p->align, &p->config);
     ipe_wrench_init(&p->wrench, &p->config);
     ipe_window_init(&p->window, &p->config);
@@ -109,11 +99,23 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
     return IPE_OK;
 }
 
+/// A sample without device time: its instant comes from the pace of those around it.
+static ipe_status_t push_untimed(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
+{
+    int64_t t_ns[IPE_PACE_HOLD];
+    const ipe_status_t status = ipe_align_hold(&p->align, sensor, reading->t_ns, reading->value);
+    if (status != IPE_OK) { return status; }
+    const int n = ipe_pace_push(&p->pace[sensor], &p->clock[sensor], reading->t_ns, reading->step);
+    for (int i = 0; i < n; ++i) { t_ns[i] = ipe_pace_instant(&p->pace[sensor], &p->clock[sensor], n - 1 - i); }
+    if (n > 0) { ipe_align_settle(&p->align, sensor, n, t_ns); }
+    return IPE_OK;
+}
+
 static ipe_status_t push_reading(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
 {
-    const int64_t t_ns = reading->has_device_time
-                             ? ipe_clock_map(&p->clock[sensor], reading->device_time, reading->t_ns)
-                             : reading->t_ns;
+    if (ipe_stuck_push(&p->stuck, sensor, reading->t_ns, reading->value)) { return IPE_ERR_RANGE; }
+    if (!reading->has_device_time) { return push_untimed(p, sensor, reading); }
+    const int64_t t_ns = ipe_clock_map(&p->clock[sensor], reading->device_time, reading->t_ns);
     return ipe_align_push(&p->align, sensor, t_ns, reading->value);
 }
 
@@ -133,6 +135,7 @@ ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame
 
 ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const double position[3])
 {
+    if (ipe_stuck_push(&p->stuck, IPE_POSITION, t_ns, position)) { return IPE_ERR_RANGE; }
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }
 
@@ -376,26 +379,56 @@ const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64
         {"decode.signal_out_of_range", p->decode.n_out_of_range},
         {"group.imu.complete", p->group[IPE_IMU].n_complete},
         {"group.imu.incomplete", p->group[IPE_IMU].n_incomplete},
-        {"group.imu.duplicate", p->group[IPE_IMU].n_duplicate},
+        {"group.imu.lost", p->group[IPE_IMU].n_lost},
+        {"group.imu.counter_jumps", p->group[IPE_IMU].n_jumps},
+        {"group.imu.used_frames", p->group[IPE_IMU].n_used},
+        {"group.imu.dropped_frames", p->group[IPE_IMU].n_dropped},
+        {"group.imu.duplicate_frames", p->group[IPE_IMU].n_duplicate},
         {"group.force.complete", p->group[IPE_FORCE].n_complete},
         {"group.force.incomplete", p->group[IPE_FORCE].n_incomplete},
-        {"group.force.duplicate", p->group[IPE_FORCE].n_duplicate},
+        {"group.force.lost", p->group[IPE_FORCE].n_lost},
+        {"group.force.counter_jumps", p->group[IPE_FORCE].n_jumps},
+        {"group.force.used_frames", p->group[IPE_FORCE].n_used},
+        {"group.force.dropped_frames", p->group[IPE_FORCE].n_dropped},
+        {"group.force.duplicate_frames", p->group[IPE_FORCE].n_duplicate},
         {"group.position.complete", p->group[IPE_POSITION].n_complete},
         {"group.position.incomplete", p->group[IPE_POSITION].n_incomplete},
-        {"group.position.duplicate", p->group[IPE_POSITION].n_duplicate},
+        {"group.position.lost", p->group[IPE_POSITION].n_lost},
+        {"group.position.counter_jumps", p->group[IPE_POSITION].n_jumps},
+        {"group.position.used_frames", p->group[IPE_POSITION].n_used},
+        {"group.position.dropped_frames", p->group[IPE_POSITION].n_dropped},
+        {"group.position.duplicate_frames", p->group[IPE_POSITION].n_duplicate},
+        {"stuck.imu.refused", p->stuck.n_stuck[IPE_IMU]},
+        {"stuck.force.refused", p->stuck.n_stuck[IPE_FORCE]},
+        {"stuck.position.refused", p->stuck.n_stuck[IPE_POSITION]},
         {"clock.imu.steps", p->clock[IPE_IMU].n_steps},
         {"clock.force.steps", p->clock[IPE_FORCE].n_steps},
         {"clock.position.steps", p->clock[IPE_POSITION].n_steps},
+        {"pace.imu.lost", p->pace[IPE_IMU].n_lost},
+        {"pace.imu.dropped", p->pace[IPE_IMU].n_dropped},
+        {"pace.imu.restarts", p->pace[IPE_IMU].n_restarts},
+        {"pace.force.lost", p->pace[IPE_FORCE].n_lost},
+        {"pace.force.dropped", p->pace[IPE_FORCE].n_dropped},
+        {"pace.force.restarts", p->pace[IPE_FORCE].n_restarts},
+        {"pace.position.lost", p->pace[IPE_POSITION].n_lost},
+        {"pace.position.dropped", p->pace[IPE_POSITION].n_dropped},
+        {"pace.position.restarts", p->pace[IPE_POSITION].n_restarts},
         {"align.imu.samples", p->align.n_samples[IPE_IMU]},
+        {"align.imu.reordered", p->align.n_reordered[IPE_IMU]},
+        {"align.imu.duplicate", p->align.n_duplicate[IPE_IMU]},
         {"align.imu.backwards", p->align.n_backwards[IPE_IMU]},
         {"align.imu.restarts", p->align.n_restarts[IPE_IMU]},
         {"align.imu.not_finite", p->align.n_nonfinite[IPE_IMU]},
         {"align.imu.bad_quaternion", p->align.n_bad_quaternion},
         {"align.force.samples", p->align.n_samples[IPE_FORCE]},
+        {"align.force.reordered", p->align.n_reordered[IPE_FORCE]},
+        {"align.force.duplicate", p->align.n_duplicate[IPE_FORCE]},
         {"align.force.backwards", p->align.n_backwards[IPE_FORCE]},
         {"align.force.restarts", p->align.n_restarts[IPE_FORCE]},
         {"align.force.not_finite", p->align.n_nonfinite[IPE_FORCE]},
         {"align.position.samples", p->align.n_samples[IPE_POSITION]},
+        {"align.position.reordered", p->align.n_reordered[IPE_POSITION]},
+        {"align.position.duplicate", p->align.n_duplicate[IPE_POSITION]},
         {"align.position.backwards", p->align.n_backwards[IPE_POSITION]},
         {"align.position.restarts", p->align.n_restarts[IPE_POSITION]},
         {"align.position.not_finite", p->align.n_nonfinite[IPE_POSITION]},

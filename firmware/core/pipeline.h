@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// CAN frames and tracker positions in, the ten inertial parameters out.
 ///
-///   frame --> decode --> group --> clock --> align --> wrench --> window --> regressor, systematic --> noise, rls
+///   frame --> decode --> group --> stuck --> clock, pace --> align --> wrench --> window --> regressor, systematic --> noise, rls
 ///         --> body, consistency
 ///
 /// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
@@ -16,7 +16,9 @@
 #include "detect.h"
 #include "group.h"
 #include "noise.h"
+#include "pace.h"
 #include "rls.h"
+#include "stuck.h"
 #include "types.h"
 #include "window.h"
 #include "wrench.h"
@@ -54,6 +56,8 @@ typedef struct {
     ipe_decode_t decode;
     ipe_group_t group[IPE_SENSOR_COUNT];
     ipe_clock_t clock[IPE_SENSOR_COUNT];
+    ipe_pace_t pace[IPE_SENSOR_COUNT];
+    ipe_stuck_t stuck;
     ipe_align_t align;
     ipe_wrench_stage_t wrench;
     ipe_window_t window;

@@ -236,9 +236,76 @@ static void test_push_time_backwards_is_refused_and_counted(void)
     const ipe_align_t before = align;
     TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, push_force(10 * MS));  // when, then: same stamp, earlier stamp
     TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, push_force(2 * MS));
-    TEST_ASSERT_EQUAL_UINT64(2, align.n_backwards[IPE_FORCE]);
-    align.n_backwards[IPE_FORCE] = 0;
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_duplicate[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_backwards[IPE_FORCE]);
+    align.n_duplicate[IPE_FORCE] = align.n_backwards[IPE_FORCE] = 0;
     TEST_ASSERT_EQUAL_MEMORY(&before, &align, sizeof align);
+}
+
+static void test_push_reordered_samples_find_their_place(void)
+{
+    static const int order[] = {0, 1, 3, 2, 4, 5, 9, 6, 7, 8, 10, 12, 11, 13, 14, 15};  // given
+    for (int i = 0; i < 16; ++i) {
+        const int64_t t = order[i] * MS;
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_imu(t));  // when
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_force(t));
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_position(t));
+        if (i == 1) { (void)pop_all(); }
+    }
+    TEST_ASSERT_EQUAL_INT(14, pop_all());  // then: two rows before, the rest now, each of its own instant
+    TEST_ASSERT_EQUAL_UINT64(5, align.n_reordered[IPE_IMU]);
+    TEST_ASSERT_EQUAL_UINT64(5, align.n_reordered[IPE_FORCE]);
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { TEST_ASSERT_EQUAL_UINT64(16, align.n_samples[s]); }
+}
+
+static void test_push_sample_behind_rows_that_are_out_is_refused(void)
+{
+    for (int k = 0; k < 20; ++k) {  // given: all rows are out, 12 of the IMU lost
+        if (k != 12) { (void)push_imu(k * MS); }
+        (void)push_force(k * MS);
+        (void)push_position(k * MS);
+    }
+    TEST_ASSERT_EQUAL_INT(19, pop_all());
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, push_imu(12 * MS));  // when, then
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_backwards[IPE_IMU]);
+}
+
+static void test_push_late_copy_of_a_sample_is_a_duplicate(void)
+{
+    for (int k = 0; k < 10; ++k) { (void)push_force(k * MS); }          // given
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_TIME, push_force(7 * MS + MS / 20));  // when, then: by a line that moved meanwhile
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_duplicate[IPE_FORCE]);
+}
+
+static void test_hold_rows_wait_until_samples_are_settled(void)
+{
+    int64_t instant[4];  // given: forces 6 .. 9 without an instant
+    double value[IPE_CABLES_MAX] = {0.0};
+    for (int k = 0; k < 12; ++k) {
+        (void)push_imu(k * MS);
+        (void)push_position(k * MS);
+        if (k < 5) { (void)push_force(k * MS); }
+        if (k < 5 || k > 9) { continue; }
+        for (int i = 0; i < 8; ++i) { value[i] = i * quadratic(1e-3 * k); }
+        TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_hold(&align, IPE_FORCE, 20 * MS, value));
+    }
+    TEST_ASSERT_EQUAL_INT(5, pop_all());
+    for (int k = 6; k < 10; ++k) { instant[k - 6] = k * MS; }
+    ipe_align_settle(&align, IPE_FORCE, 4, instant);  // when: the oldest of five cannot be told
+    TEST_ASSERT_EQUAL_INT(5, pop_all());              // then: 5 is interpolated
+    TEST_ASSERT_EQUAL_UINT64(9, align.n_samples[IPE_FORCE]);
+}
+
+static void test_hold_keeps_no_more_than_it_should(void)
+{
+    const double value[IPE_CABLES_MAX] = {0.0};  // given
+    int64_t instant[IPE_PACE_HOLD];
+    (void)push_force(0);
+    for (int k = 1; k <= 200; ++k) { (void)ipe_align_hold(&align, IPE_FORCE, k * MS, value); }  // when
+    for (int k = 0; k < IPE_PACE_HOLD; ++k) { instant[k] = (200 - IPE_PACE_HOLD + 1 + k) * MS; }
+    ipe_align_settle(&align, IPE_FORCE, IPE_PACE_HOLD, instant);
+    TEST_ASSERT_EQUAL_UINT64(IPE_PACE_HOLD + 1, align.n_samples[IPE_FORCE]);  // then
+    TEST_ASSERT_EQUAL_UINT64(IPE_PACE_HOLD + 1, align.ring[IPE_FORCE].head);
 }
 
 static void test_push_big_step_back_restarts_sensor(void)
@@ -352,6 +419,11 @@ int main(void)
     RUN_TEST(test_pop_result_does_not_depend_on_order_of_pushing);
     RUN_TEST(test_pop_after_end_lets_last_rows_out);
     RUN_TEST(test_push_time_backwards_is_refused_and_counted);
+    RUN_TEST(test_push_reordered_samples_find_their_place);
+    RUN_TEST(test_push_sample_behind_rows_that_are_out_is_refused);
+    RUN_TEST(test_push_late_copy_of_a_sample_is_a_duplicate);
+    RUN_TEST(test_hold_rows_wait_until_samples_are_settled);
+    RUN_TEST(test_hold_keeps_no_more_than_it_should);
     RUN_TEST(test_push_big_step_back_restarts_sensor);
     RUN_TEST(test_push_one_stamp_far_ahead_costs_no_more_than_itself);
     RUN_TEST(test_push_nonfinite_value_is_refused_and_counted);

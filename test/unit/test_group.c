@@ -318,6 +318,64 @@ static void test_push_without_counter_lost_frames_never_mix_samples(void)
     TEST_ASSERT_EQUAL_UINT64(2, group.n_incomplete);
 }
 
+/// One frame, or a stretch of them, of every tenth sample is lost at a random place; the second comes `after` the first.
+static void check_wide_spread(int64_t after)
+{
+    uint64_t seed = 7;
+    int n = 0, n_lost = 0, n_frames = 0;
+    ipe_group_init(&group, IPE_FORCE, &config);  // given
+    for (int k = 0; k < 2000; ++k) {             // when
+        for (int first = 1; first <= 5; first += 4) {
+            n_lost += k > 50 && n_lost == 0 && uniform(&seed) < 0.05 ? 1 + (int)(3.0 * uniform(&seed)) : 0;
+            if (n_lost > 0) {
+                --n_lost;
+                continue;
+            }
+            ++n_frames;
+            if (push_force(first, k, k * MS + (first == 5 ? after : 0)) != IPE_OK) { continue; }
+            assert_whole(k, 8);  // then: never of two instants
+            ++n;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_INT(1600, n);
+    const uint64_t n_open = group.is_open ? group.n_open_frames : 0;
+    TEST_ASSERT_EQUAL_UINT64(n_frames, group.n_used + group.n_dropped + group.n_duplicate + n_open);
+    TEST_ASSERT_EQUAL_UINT64(2 * n, group.n_used);
+}
+
+static void test_push_without_counter_any_spread_never_mixes_samples(void)
+{
+    for (int tenths = 1; tenths <= 4; ++tenths) { check_wide_spread(tenths * MS / 10); }
+}
+
+static void check_counter(int lost_from, int n_lost, int jump, uint64_t expected_lost, uint64_t expected_jumps)
+{
+    ipe_group_init(&group, IPE_IMU, &config);  // given: samples 0 .. 199, some of them lost, then a jump of the counter
+    for (int k = 0; k < 200; ++k) {
+        if (k >= lost_from && k < lost_from + n_lost) { continue; }
+        for (int part = TIME; part <= QUAT; ++part) {  // when
+            const ipe_sample_t s = imu_part((part_t)part, k + (k >= 150 ? jump : 0), k * MS + part * MS / 8);
+            if (ipe_group_push(&group, &s, &reading) != IPE_OK || k == 0) { continue; }
+            const uint64_t step = k == lost_from + n_lost ? (unsigned)n_lost + 1U : 1U;
+            TEST_ASSERT_EQUAL_UINT64(k == 1 || (k == 150 && jump != 0) ? 0 : step, reading.step);
+        }
+    }
+    TEST_ASSERT_EQUAL_UINT64(expected_lost, group.n_lost);  // then
+    TEST_ASSERT_EQUAL_UINT64(expected_jumps, group.n_jumps);
+    TEST_ASSERT_EQUAL_UINT64(200U - (unsigned)n_lost, group.n_complete);
+}
+
+static void test_push_counter_tells_samples_that_were_lost_whole(void)
+{
+    check_counter(50, 7, 0, 7, 0);
+}
+
+static void test_push_counter_that_jumps_is_counted_and_loses_nothing(void)
+{
+    check_counter(0, 0, 20000, 0, 1);
+    check_counter(0, 0, -100, 0, 1);
+}
+
 static void test_push_short_first_interval_does_not_lock_sensor_out(void)
 {
     ipe_group_init(&group, IPE_FORCE, &config);  // given: two samples stamped in one burst
@@ -376,6 +434,9 @@ int main(void)
     RUN_TEST(test_push_late_duplicate_of_complete_sample_is_counted);
     RUN_TEST(test_push_without_counter_repeated_value_starts_next_sample);
     RUN_TEST(test_push_without_counter_lost_frames_never_mix_samples);
+    RUN_TEST(test_push_without_counter_any_spread_never_mixes_samples);
+    RUN_TEST(test_push_counter_tells_samples_that_were_lost_whole);
+    RUN_TEST(test_push_counter_that_jumps_is_counted_and_loses_nothing);
     RUN_TEST(test_push_short_first_interval_does_not_lock_sensor_out);
     RUN_TEST(test_push_lost_samples_do_not_stretch_period);
     RUN_TEST(test_push_fewer_cables_need_fewer_forces);

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+/// A sensor that repeats one value while the platform moves has failed, however fresh its stamps are.
+///
+/// A force channel, all of a position or all of an IMU sample is stuck when it has not changed by a bit for 0.25 s and 8
+/// samples although another sensor saw the platform move:
+///   force      the specific force turned or changed by 0.2 m/s2, or by what 4 steps of the signal's resolution answer to
+///   position   the specific force's size changed by 0.2 m/s2
+///   IMU        the forces changed by 5 %, all together
+/// At rest nothing is stuck: there a coarse signal may repeat for long. 0.6 KB of state, one thread.
+#ifndef IPE_STUCK_H
+#define IPE_STUCK_H
+
+#include "config.h"
+#include "types.h"
+
+enum { IPE_STUCK_IMU = IPE_CABLES_MAX, IPE_STUCK_POSITION, IPE_STUCK_CHANNELS };
+
+/// What one channel did since it last changed.
+typedef struct {
+    int64_t since_ns;
+    int32_t n_same;
+    bool has_moved;      ///< the platform, meanwhile
+    float reference[3];  ///< specific force at the time, m/s2; 0: not seen yet
+} ipe_stuck_channel_t;
+
+typedef struct {
+    int n_cables, n_imu;
+    float threshold[IPE_CABLES_MAX];    ///< m/s2
+    float f[IPE_CABLES_MAX], imu[10], position[3];
+    float f_reference[IPE_CABLES_MAX];  ///< forces when the IMU last changed, N; 0: not seen yet
+    ipe_stuck_channel_t channel[IPE_STUCK_CHANNELS];
+
+    uint64_t n_stuck[IPE_SENSOR_COUNT];  ///< samples refused
+} ipe_stuck_t;
+
+void ipe_stuck_init(ipe_stuck_t* k, const ipe_config_t* config);
+
+/// Look at one sample: stamp [ns], value as in ipe_reading_t. True, counted: it is stuck, do not use it.
+bool ipe_stuck_push(ipe_stuck_t* k, ipe_sensor_t sensor, int64_t t_ns, const double* value);
+
+#endif
