@@ -96,13 +96,14 @@ static uint64_t rejected_rows(const ipe_pipeline_t* p)
     const ipe_align_t* a = &p->align;
     uint64_t n = a->n_overrun + a->n_bad_quaternion + p->wrench.n_geometry + p->window.n_backwards;
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
-    return n + a->n_backwards[IPE_IMU] + a->n_nonfinite[IPE_IMU];
+    n += a->n_backwards[IPE_IMU] + a->n_duplicate[IPE_IMU] + a->n_nonfinite[IPE_IMU];
+    return n + p->pace[IPE_IMU].n_dropped + p->stuck.n_stuck[IPE_IMU];
 }
 
 static uint64_t incomplete_samples(const ipe_pipeline_t* p)
 {
     uint64_t n = 0;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += p->group[s].n_incomplete; }
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += p->group[s].n_incomplete + p->group[s].n_lost; }
     return n;
 }
 

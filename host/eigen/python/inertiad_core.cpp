@@ -452,7 +452,8 @@ NB_MODULE(inertiad_core, m)
 
     nb::class_<ipe_clock_t>(m, "Clock", "A device's clock against the host's, by the lower convex hull. clock.h")
         .def(
-            "__init__", [](ipe_clock_t* c, double wrap) { ipe_clock_init(new (c) ipe_clock_t{}, wrap, IPE_CLOCK_RATE_SPAN); },
+            "__init__",
+            [](ipe_clock_t* c, double wrap) { ipe_clock_init(new (c) ipe_clock_t{}, wrap, IPE_CLOCK_RATE_SPAN); },
             "wrap"_a = 0.0, "wrap [s]: device time starts again at 0 after this; 0: never.")
         .def(
             "map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
