@@ -4,8 +4,8 @@
 Takes what our simulator measures in SI and says what each device would send: its units, axes, counters, status. Nothing
 here goes through our bindings, scales or packing, so that a run recorded this way tests them.
 
-    python test/host/devices.py                    renew the short recordings in test/host/devices/
-    python test/host/devices.py xsens_gsv4 RUN     a whole simulated run with these devices
+    python test/host/devices.py                     renew the short recordings in test/host/devices/
+    python test/host/devices.py xsens_gsv4 RUN 50 10  simulate 10 s of standing still, 50 Hz, with these devices
 """
 
 import sys
@@ -116,12 +116,16 @@ def _frames(name: str, signals: Table, t_device: Array) -> Iterator[Frames]:
             yield _encoded(bus, message, values[message.name])
 
 
-def record(name: str, folder: Path, rate: float = 100.0, seed: int = SEED, motion: str = "paper") -> None:
-    """A run folder of CoGiRo with modern sensors of these makes, nobody having calibrated them."""
+def record(name: str, folder: Path, rate: float = 100.0, seed: int = SEED, hold: float = 0.0) -> None:
+    """A run folder of CoGiRo with modern sensors of these makes, nobody having calibrated them.
+
+    The paper's motion, or hold seconds of standing still.
+    """
     file = DEVICES / f"{name}.toml"
     robot = description.load(file)
     level = sensors.faults("modern")
-    path = trajectory.named(motion, "0,0,2,0,0,0", 0.2)
+    motion = "hold" if hold else "paper"
+    path = trajectory.named(motion, "0,0,2,0,0,0", hold)
     body = simulate.body_of(robot, file, None, None)
     run = simulate.Run(file, robot, body, path, motion, level, "modern", rate, seed)
 
@@ -134,15 +138,15 @@ def record(name: str, folder: Path, rate: float = 100.0, seed: int = SEED, motio
 def recordings(folder: Path) -> Iterator[tuple[str, str]]:
     """File name and contents of the short recording of each device: 0.2 s at 50 Hz, made in folder."""
     for name, buses in BUSES.items():
-        record(name, folder / name, 50.0, motion="hold")
+        record(name, folder / name, 50.0, hold=0.2)
         lines = (folder / name / "can.log").read_text().splitlines(keepends=True)
         for bus, (dbc, _) in enumerate(buses):
             yield f"{dbc}.log", "".join(line for line in lines if f" can{bus} " in line)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 3:
-        record(sys.argv[1], Path(sys.argv[2]))
+    if len(sys.argv) == 5:
+        record(sys.argv[1], Path(sys.argv[2]), float(sys.argv[3]), hold=float(sys.argv[4]))
     else:
         import tempfile
 

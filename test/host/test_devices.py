@@ -160,7 +160,7 @@ def test_daemon_reads_the_devices_on_two_buses_and_finds_the_truth(name: str, se
 
 
 def test_wrong_tick_of_the_device_clock_is_counted(tmp_path: Path):
-    devices.record("xsens_gsv4", tmp_path, rate=50.0, motion="hold")
+    devices.record("xsens_gsv4", tmp_path, rate=50.0, hold=0.2)
     file = tmp_path / "robot.toml"
     right = 'imu_time = "MTI_SAMPLE_TIME.time"'
     text = file.read_text()

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from inertiad import units
 from inertiad.error import InputError
 
 Array = NDArray[np.float64]
@@ -65,14 +66,16 @@ def _numbers(path: Path, names: list[str]) -> Array:
     return data
 
 
-def _header(path: Path, allowed: list[str]) -> list[str]:
+def _header(path: Path, allowed: list[str]) -> tuple[list[str], list[str]]:
+    """Names and units of the columns."""
     try:
         with path.open(encoding="utf-8-sig") as file:
-            names = [name.strip().strip('"') for name in file.readline().split(",")]
+            heads = [units.split(head) for head in file.readline().split(",")]
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not UTF-8 text") from None
+    names = [name for name, _ in heads]
     if "t" not in names:
         raise InputError(f"{path}: line 1: no column t: allowed: a header such as {','.join(allowed[:8])}")
     for name in names:
@@ -80,17 +83,18 @@ def _header(path: Path, allowed: list[str]) -> list[str]:
             raise InputError(f'{path}: line 1: column "{name}" is unknown: allowed: {", ".join(allowed)}')
         if names.count(name) > 1:
             raise InputError(f"{path}: line 1: column {name} is there twice")
-    return names
+    return names, [unit for _, unit in heads]
 
 
 def read(path: Path, allowed: list[str]) -> Table:
-    """A CSV file with a header, column t [s] and others of the allowed names (which include t), all SI.
+    """A CSV file with a header, column t [s] and others of the allowed names (which include t), SI.
 
-    InputError names file, line and column of: an unknown or doubled column, something that is not a finite number,
-    time that does not increase.
+    A head may have a unit, "x [mm]": its column is converted. InputError names file, line and column of: an unknown or
+    doubled column, a unit of something else, something that is not a finite number, time that does not increase.
     """
-    names = _header(path, allowed)
+    names, given = _header(path, allowed)
     data = _numbers(path, names)
+    data *= [units.factor(name, unit, f"{path}: line 1") for name, unit in zip(names, given, strict=True)]
     t = data[:, names.index("t")]
     bad = np.argwhere(~np.isfinite(data))
     if len(bad):
