@@ -176,6 +176,10 @@ second-target: .venv/accept.stamp $(GEN)
 build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/libinertiad_io.a lib/libinertiad_core.a)
 	$(call say,ld  $@)$(CC) -static -Wl,--gc-sections $^ -lm -o $@
 
+## Error of `inertiactl sync` against known delays, on unseen seeds (about 10 min)
+accept-sync: .venv/test.stamp build
+	$(Q)$(PY) test/accept/sync.py
+
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
@@ -214,6 +218,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-programs second-target vcan-runs bench \
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

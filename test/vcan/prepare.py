@@ -3,9 +3,11 @@
 
 build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
 build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
-frames late does not spoil the estimate.
+frames late does not spoil the estimate;
+build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again.
 """
 
+import math
 import shutil
 import subprocess
 from pathlib import Path
@@ -13,7 +15,29 @@ from pathlib import Path
 TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"
 RUNS = TOP / "build/vcan"
+TOOL = TOP / "build/bin/inertiactl"
 PATIENT = "\n[align]\nmax_wait = 2.0  # s: an emulated machine may take a while to send a position\n"
+
+
+def write_swing(path: Path) -> Path:
+    """4 s of motion in all six coordinates that starts and ends at rest."""
+    amplitude = (0.25, 0.2, 0.12, 0.12, 0.12, 0.15)  # m, rad
+    rows = ["t,x,y,z,roll,pitch,yaw"]
+    for t in (0.02 * k for k in range(201)):
+        ramp = math.sin(math.pi * t / 4.0) ** 4
+        pose = [a * ramp * math.sin(2.0 * math.pi * (0.35 + 0.05 * i) * t + i) for i, a in enumerate(amplitude)]
+        pose[2] += 2.0
+        rows.append(",".join(f"{value:.9f}" for value in (t, *pose)))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def write_estimate(run: Path) -> None:
+    """The daemon's result on a run, from its files, into the run."""
+    subprocess.run([TOOL, "compile", run / "robot.toml", "-o", run / "robot.cfg"], check=True, capture_output=True)
+    files = ["--bus", f"file:{run}/can.log", "--tracker", f"file:{run}/tracker.csv", "--lcm", "none"]
+    command = [TOP / "build/bin/inertiad", "--config", run / "robot.cfg", *files, "--estimate", run / "estimate.json"]
+    subprocess.run(command, check=True, capture_output=True)
 
 
 def make_run(name: str, description: str, *options: str) -> None:
@@ -22,12 +46,14 @@ def make_run(name: str, description: str, *options: str) -> None:
     shutil.copytree(COGIRO, folder)
     robot = folder / description
     robot.write_text(robot.read_text() + PATIENT)
-    tool = TOP / "build/bin/inertiactl"
-    subprocess.run([tool, "compile", robot, "-o", folder / "robot.cfg"], check=True, capture_output=True)
-    subprocess.run([tool, "simulate", robot, *options, "-o", folder / "run"], check=True, capture_output=True)
+    subprocess.run([TOOL, "compile", robot, "-o", folder / "robot.cfg"], check=True, capture_output=True)
+    subprocess.run([TOOL, "simulate", robot, *options, "-o", folder / "run"], check=True, capture_output=True)
 
 
 if __name__ == "__main__":
     make_run("robot", "robot.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
     make_run("robot_timed", "robot_fd.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
+    swing = str(write_swing(RUNS / "swing.csv"))
+    make_run("golden", "robot_fd.toml", "--trajectory", swing, "--rate", "200", "--faults", "modern", "--seed", "1")
+    write_estimate(RUNS / "golden/run")
     make_run("robot_fd", "robot_fd.toml", "--trajectory", "hold", "--duration", "2")

@@ -378,6 +378,24 @@ def calibrate(
     _say(f"{output}: written")
 
 
+@app.command(epilog="Example: inertiactl sync run")
+def sync(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN.")] = None,
+) -> None:
+    """Find how late tracker and forces are against the IMU, how sure that is, and what it costs.
+
+    In robot.toml: [calibration] sync = "sync.json", for compile, fit and all others.
+    """
+    from inertiad import sync as synchroniser
+
+    with _progress() as progress:
+        found = synchroniser.sync(run, progress)
+    for line in synchroniser.text(found):
+        typer.echo(line)
+    synchroniser.write(json or run / "sync.json", found)
+
+
 @app.command(epilog="Example: inertiactl verify run --bus file")
 def verify(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],

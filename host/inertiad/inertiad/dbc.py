@@ -2,12 +2,21 @@
 """CAN databases: bind quantities to DBC signals, convert their units to SI, and write a DBC for robots without one."""
 
 import math
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
+# cantools loads its bus tester, not used here, and with it python-can and the libraries of every log format.
+_TESTER = "cantools.tester"
+_is_stood_in = sys.modules.setdefault(_TESTER, ModuleType(_TESTER)).__spec__ is None
+# ruff: noqa: E402
 import cantools
 from cantools.database.can import Database, Message, Signal
+
+if _is_stood_in:
+    del sys.modules[_TESTER]
 
 from inertiad import quantity
 from inertiad.error import InputError

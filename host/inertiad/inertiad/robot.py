@@ -51,6 +51,7 @@ gravity                              9.81                 m/s2, along -z of W
 [estimator] force_std, moment_std    see Estimator        N, N m: slow residual of the windows, refined while running
 [estimator] prior_*_std              see Estimator        kg, kg m, kg m2
 [calibration] file                                        a TOML file with the keys below
+[calibration] sync                                        a sync.json of `inertiactl sync`: the delays and their sigmas
 [calibration] acc_bias, gyro_bias    [0, 0, 0]            m/s2, rad/s, I
 [calibration] attitude_bias          [0, 0, 0]            rad, P: true = measured exp(bias)
 [calibration] world_yaw              0                    rad: true = Rz(yaw) measured
@@ -88,6 +89,7 @@ from pydantic import (
 
 from inertiad import quantity
 from inertiad.error import InputError
+from inertiad.estimate import read_json
 
 FILE_BYTES_MAX = 1_000_000
 
@@ -512,16 +514,32 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     return data
 
 
+def _calibration(keys: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """[calibration] with what its file and, over that, its sync say under its own keys."""
+    own = {k: v for k, v in keys.items() if k not in ("file", "sync")}
+    for key, read in (("sync", _read_sync), ("file", read_toml)):
+        if isinstance(keys.get(key), str):
+            own = _merged(read(folder / keys[key]), own)
+        elif key in keys:
+            own[key] = keys[key]
+    return own
+
+
+def _read_sync(path: Path) -> dict[str, Any]:
+    """The part of a sync.json that belongs into [calibration]."""
+    data = read_json(path).get("calibration")
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: no calibration in it: allowed: a file that inertiactl sync wrote")
+    return data
+
+
 def read_data(path: Path, depth: int = 0) -> dict[str, Any]:
     """The keys of a robot.toml with its base's under them, calibration file taken in and DBC paths absolute."""
     if depth > 8:
         raise InputError(f"{path}: base: more than 8 files deep")
     data = _absolute(read_toml(path), path.parent)
-    calibration = data.get("calibration")
-    if isinstance(calibration, dict) and isinstance(calibration.get("file"), str):
-        data["calibration"] = _merged(
-            read_toml(path.parent / calibration["file"]), {k: v for k, v in calibration.items() if k != "file"}
-        )
+    if isinstance(data.get("calibration"), dict):
+        data["calibration"] = _calibration(data["calibration"], path.parent)
     base = data.pop("base", None)
     if base is None:
         return data

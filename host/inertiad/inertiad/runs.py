@@ -48,6 +48,21 @@ def config_of(robot: Robot, source: str) -> Any:
     return inertiad_core.Config(compile.compile_robot(robot, source))
 
 
+def play(folder: Path, robot: Robot, source: str, tracker: Path | None) -> Any:
+    """inertiad_core.Pipeline after a run folder's can.log and a tracker CSV, or none. InputError: one is unusable."""
+    n_buses = max(1, len(robot.bus))
+    interfaces = [""] if n_buses == 1 else [f"can{i}" for i in range(n_buses)]
+    try:
+        return inertiad_core.read_run(
+            config_of(robot, source),
+            [str(folder / "can.log")] * n_buses,
+            interfaces,
+            "" if tracker is None else str(tracker),
+        )
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def robot_of(path: Path, robot_file: Path | None = None) -> Robot:
     """The description that belongs to a run: a folder's own before robot_file, robot_file before one beside a file."""
     own = path / "robot.toml" if path.is_dir() else path.with_name("robot.toml")
@@ -65,14 +80,7 @@ def _read_folder(folder: Path, robot: Robot) -> Recording:
     needs_tracker = robot.position.source == "tracker"
     if needs_tracker and not tracker.exists():
         raise InputError(f'{tracker}: not there, but position.source = "tracker"')
-    n_buses = max(1, len(robot.bus))
-    interfaces = [""] if n_buses == 1 else [f"can{i}" for i in range(n_buses)]
-    try:
-        pipeline = inertiad_core.read_run(
-            config_of(robot, str(folder)), [str(log)] * n_buses, interfaces, str(tracker) if needs_tracker else ""
-        )
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    pipeline = play(folder, robot, str(folder), tracker if needs_tracker else None)
     counters = {k: int(v) for k, v in pipeline.counters.items()}
     rejected = sum(counters[name] for name in (*LOST, "wrench.bad_geometry"))
     return Recording(folder, robot, inertiad_core.rows_of(pipeline), counters["decode.frames"], rejected, counters)
