@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import socket
 import struct
 import subprocess
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from conftest import TOP
 
-from inertiad import instrument, lcmlog, record
+from inertiad import instrument, lcmlog, record, tracker_csv
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Parser, Sample
 from inertiad_lcm import tracker_t
@@ -22,7 +23,7 @@ from inertiad_lcm import tracker_t
 ROUTE = 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
 ISOLATED = ["unshare", "-n", "sh", "-c", ROUTE, "-"]
 STRUCT = Layout("struct", ("frame", "t", "x", "y", "z"), struct="<Id3d")
-LAYOUTS = [Layout("text"), STRUCT, Layout("spatialanalyzer"), Layout("emscon"), Layout("dtrack")]
+LAYOUTS = [Layout("text"), STRUCT, *(Layout(name) for name in ("spatialanalyzer", "emscon", "dtrack", "natnet"))]
 RATE, SECONDS = 238.0, 2.0
 
 # Runs inside a network of its own: recorder and emulator over loopback, both as a user starts them.
@@ -30,7 +31,8 @@ END_TO_END = """
 import json, os, signal, subprocess, sys, time
 run, out, form, source, sink, options = sys.argv[1:6] + [json.loads(sys.argv[6])]
 python = [sys.executable, "-m", "inertiad"]
-recorder = subprocess.Popen([*python, "record", *options, "--from", source, "--format", form, "-o", out])
+limit = json.loads(sys.argv[7]) if len(sys.argv) > 7 else []
+recorder = subprocess.Popen([*limit, *python, "record", *options, "--from", source, "--format", form, "-o", out])
 while not os.path.exists(out + "/tracker.csv"):
     time.sleep(0.05)
     assert recorder.poll() is None
@@ -61,6 +63,7 @@ def run(tmp_path: Path) -> Path:
         ("spatialanalyzer", "udp:5004", "udp:127.0.0.1:5004", []),
         ("emscon", "tcp:127.0.0.1:5005", "tcp-listen:5005", []),
         ("dtrack", "udp:5006", "udp:127.0.0.1:5006", []),
+        ("natnet", "udp:239.255.42.99:1511", "udp:239.255.42.99:1511", []),
     ],
 )
 def test_emulated_instrument_is_recorded_without_loss(run, tmp_path, form, source, sink, options):
@@ -73,12 +76,60 @@ def test_emulated_instrument_is_recorded_without_loss(run, tmp_path, form, sourc
     events = [e for e in lcmlog.read(out / "run.lcmlog") if e.channel == "INERTIAD_TRACKER"]
     messages = [tracker_t.decode(e.data) for e in events]
     assert [m.sequence for m in messages] == list(range(len(played)))
-    assert np.array([m.position for m in messages]) == pytest.approx(played[:, 1:], abs=1e-8)
+    assert np.array([m.position for m in messages]) == pytest.approx(
+        played[:, 1:], abs=1e-6 if form == "natnet" else 1e-8
+    )
+    assert json.loads((out / "header.json").read_text())["clock"]["kernel"]["error_max_s"] >= 0.0
     assert (out / "tracker.raw").stat().st_size > 20 * len(played)
     rows = np.loadtxt(out / "tracker.csv", delimiter=",", skiprows=1)
-    if form in ("text", "struct", "dtrack"):  # they tell device time, so the spacing is the device's
+    if form != "spatialanalyzer":  # they tell device time, so the spacing is the device's
         assert len(rows) >= len(played) - 20  # fewer while the clock's fit settles on a busy machine
         assert np.diff(rows[-200:, 0]) == pytest.approx(1 / RATE, abs=2e-4)
+
+
+POSES = """
+import os, signal, subprocess, sys, time, lcm
+from inertiad_lcm import tracker_t
+out = sys.argv[1]
+recorder = subprocess.Popen([sys.executable, "-m", "inertiad", "record", "--from", "udp:5031", "-o", out])
+while not os.path.exists(out + "/header.json"):
+    time.sleep(0.05)
+    assert recorder.poll() is None
+time.sleep(1.0)
+link, message = lcm.LCM("udpm://239.255.76.67:7667?ttl=0"), tracker_t()
+begin = time.monotonic()
+for message.sequence in range(1666):
+    time.sleep(max(0.0, begin + message.sequence / 833.0 - time.monotonic()))
+    link.publish("INERTIAD_POSE", message.encode())
+    link.publish("OTHER_POSE", message.encode())
+time.sleep(1.0)
+recorder.send_signal(signal.SIGINT)
+sys.exit(recorder.wait())
+"""
+
+
+def test_commanded_pose_at_833_Hz_is_recorded_to_the_last(tmp_path):
+    command = [*ISOLATED, sys.executable, "-c", POSES, str(tmp_path / "run")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
+    assert "1666 INERTIAD_POSE" in result.stderr, result.stderr
+    events = list(lcmlog.read(tmp_path / "run/run.lcmlog"))
+    assert [tracker_t.decode(e.data).sequence for e in events] == list(range(1666))
+    assert {e.channel for e in events} == {"INERTIAD_POSE"}
+
+
+def test_full_disk_is_said_and_leaves_a_run_readable_to_there(run, tmp_path):
+    out = tmp_path / "recorded"
+    arguments = [run, out, "text", "udp:5032", "udp:127.0.0.1:5032", "[]", json.dumps(["prlimit", "--fsize=9000"])]
+    command = [*ISOLATED, sys.executable, "-c", END_TO_END, *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
+    assert result.returncode == 0, result.stderr
+    assert re.search(
+        r"not written: \d+ pieces of tracker.raw and tracker.csv: .*: No space left on device", result.stderr
+    )
+    assert f"samples: {int(RATE * SECONDS)} received, {int(RATE * SECONDS)} published" in result.stderr
+    positions = tracker_csv.read(out / "tracker.csv")
+    assert 100 < len(positions.t) < int(RATE * SECONDS)
+    assert f"tracker.csv: {len(positions.t)} rows" in result.stderr
 
 
 # ---- bytes to samples ------------------------------------------------------------------------------------------------
@@ -120,6 +171,25 @@ def test_dtrack_body_out_of_sight_is_beam_lost():
     assert (sample.valid, sample.frame, sample.t_device) == (False, 1, 10.5)
 
 
+def test_natnet_body_is_chosen_by_number_and_damage_is_counted():
+    sent = instrument.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5), 7)
+    assert Parser(Layout("natnet", body=1)).feed(sent) == [Sample((1.0, 2.0, 3.0), 5.5, 7)]
+    assert Parser(Layout("natnet", body=2)).feed(sent) == [Sample((0.0, 0.0, 0.0), 5.5, 7, False)]
+    other = Parser(Layout("natnet", natnet_version="3.0"))
+    half = Parser(Layout("natnet"))
+    half.feed(sent[:4] + sent[4:60].ljust(len(sent) - 4, b"\xff"))
+    assert other.feed(sent) == [] or not other.feed(sent)[0].valid
+    assert half.n_bad == 1 and "is --natnet-version right?" in half.last_bad
+    ping = struct.pack("<HH", 0, 3) + b"abc"
+    assert len(Parser(Layout("natnet")).feed(ping + sent)) == 1
+
+
+def test_emscon_tells_device_time_unless_it_is_not_wanted():
+    sent = instrument.encode(Layout("emscon"), Sample((1.0, 2.0, 3.0), 77.000123), 1)
+    assert Parser(Layout("emscon")).feed(sent)[0].t_device == pytest.approx(77.000123)
+    assert Parser(Layout("emscon", device_time=False)).feed(sent)[0].t_device is None
+
+
 # ---- samples to messages ---------------------------------------------------------------------------------------------
 
 
@@ -155,6 +225,31 @@ def test_device_time_goes_on_over_midnight():
     samples = [Sample((1.0, 1.0, 1.0), float(x % 86400.0), k) for k, x in enumerate(t)]
     stamps = np.array([m.t_ns for m in feed(tracker, samples)])
     assert np.diff(stamps) == pytest.approx(1e7, abs=1e3)
+
+
+def test_device_time_goes_on_over_its_counters_end():
+    wrap = 2**32 * 1e-6
+    tracker = record.Tracker(Layout("text", wrap=wrap))
+    t = wrap - 1.0 + 0.01 * np.arange(300)
+    stamps = np.array([m.t_ns for m in feed(tracker, [Sample((1.0, 1.0, 1.0), float(x % wrap)) for x in t])])
+    assert len(stamps) == 300
+    assert np.diff(stamps) == pytest.approx(1e7, abs=1e3)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 0.001, 0.5])
+def test_device_time_of_another_unit_is_refused_with_a_hint(rate):
+    samples = [Sample((1.0, 1.0, 1.0), rate * 0.01 * k) for k in range(300)]
+    with pytest.raises(InputError, match=rf"passes {rate:g} times as fast .*is --time-unit right\?"):
+        feed(record.Tracker(Layout("text")), samples)
+
+
+def test_beam_lost_for_seconds_is_counted_and_the_rest_goes_on():
+    samples = [Sample((0.0, 0.0, 0.0) if 100 < k < 500 else (1.0, 1.0, 1.0), 0.01 * k, k, not 100 < k < 500)
+               for k in range(700)]  # fmt: skip
+    tracker = record.Tracker(Layout("text"))
+    messages = feed(tracker, samples)
+    assert [m.valid for m in messages] == [s.valid for s in samples]
+    assert (tracker.counts.n_invalid, tracker.counts.n_lost) == (399, 0)
 
 
 def test_beam_lost_is_published_as_not_valid():
@@ -227,6 +322,7 @@ def test_full_disk_is_said_and_does_not_stop(tmp_path):
         (["--from", "usb:1"], "--from usb:1: allowed: udp:"),
         (["--from", "udp:0"], "--from udp:0: port: allowed: 1 to 65535"),
         (["--from", "udp:5020", "--format", "nmea"], "--format nmea: allowed: text"),
+        (["--from", "udp:5020", "--natnet-version", "9"], "--natnet-version 9: allowed: 2.6"),
         (["--from", "udp:5020", "--columns", "x,y"], "--columns x,y: allowed: x, y, z"),
         (["--from", "udp:5020", "--format", "struct", "--struct", "<3d"], "--struct <3d: 3 values: allowed: 4"),
     ],

@@ -434,7 +434,7 @@ def record(
     ],
     output: RunFolder,
     form: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="text, struct, spatialanalyzer, emscon, dtrack.")
+        str, typer.Option("--format", metavar="NAME", help="text, struct, spatialanalyzer, emscon, dtrack, natnet.")
     ] = "text",
     columns: Annotated[str, typer.Option(metavar="A,B,..", help="x y z t frame valid, - to skip.")] = "t,x,y,z",
     separator: Annotated[str, typer.Option(metavar="TEXT", help="Between columns of text; empty: blanks.")] = ",",
@@ -442,7 +442,12 @@ def record(
     unit: Annotated[str, typer.Option(metavar="m|mm|..", help="Of x y z.")] = "m",
     time_unit: Annotated[str, typer.Option(metavar="s|ms|us|ns", help="Of t.")] = "s",
     wrap: Annotated[float, typer.Option("--time-wrap", metavar="S", help="Device time starts again after this.")] = 0.0,
-    body: Annotated[int | None, typer.Option(metavar="N", help="Body to take from dtrack; default: the first.")] = None,
+    body: Annotated[int | None, typer.Option(metavar="N", help="Body of dtrack, natnet; default: the first.")] = None,
+    device_time: Annotated[bool, typer.Option(help="Take what the instrument says of time.")] = True,
+    natnet_version: Annotated[str, typer.Option(metavar="N.N", help="Protocol that Motive is set to.")] = "4.1",
+    channels: Annotated[
+        str, typer.Option(metavar="REGEX", help="LCM channels to log; default: all with the prefix, POSE too.")
+    ] = "",
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
     url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
     prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
@@ -455,8 +460,10 @@ def record(
     from inertiad import record as recorder
 
     named = tuple(columns.split(","))
-    described = instrument.Layout(form, named, separator, layout, unit, time_unit, wrap, body)
-    for line in recorder.record(recorder.Options(address, described, output, url, prefix, seconds)):
+    described = instrument.Layout(
+        form, named, separator, layout, unit, time_unit, wrap, body, device_time, natnet_version
+    )
+    for line in recorder.record(recorder.Options(address, described, output, url, prefix, seconds, channels)):
         _say(line)
 
 

@@ -7,22 +7,27 @@ format             example                                                      
 text               ``12.004,0.5,1.5,2.5`` with columns t,x,y,z                                column t
 struct             ``<Id3d`` with columns frame,t,x,y,z                                       column t
 spatialanalyzer    ``X, 500.0 | Y, 1500.0 | Z, 2500.0 | Units: (mm)``                         none
-emscon             little-endian: i32 size, i32 type 3, i32 count, i32 mode, 3 doubles,       none: t1, t2 are not
-                   count times i32 status, i32 t1, i32 t2, 3 doubles [mm]                     documented well enough
+emscon             little-endian: i32 size, i32 type 3, i32 count, i32 mode, 3 doubles,       t1 s + t2 us, where
+                   count times i32 status, i32 t1, i32 t2, 3 doubles [mm]                     not both are 0
 dtrack             ``fr 17``, ``ts 39600.004``, ``6d 1 [0 1.000][500 1500 2500 0 0 0][...]``  s since midnight UTC
+natnet             u16 7, u16 size, frame of mocap data as Motive sends it, m, one datagram   s since its start
 =================  =========================================================================  ===================
+
+Device time is checked against the host's: one that runs at another rate is refused (record.py). That matters for
+emscon, whose t1 and t2 are not documented publicly; --no-device-time leaves it out. natnet is read by the package of
+that name, for the protocol of --natnet-version; multicast by --from udp:239.255.42.99:1511.
 """
 
 import math
 import re
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 from inertiad.error import InputError
 
-FORMATS: Final = ("text", "struct", "spatialanalyzer", "emscon", "dtrack")
+FORMATS: Final = ("text", "struct", "spatialanalyzer", "emscon", "dtrack", "natnet")
 COLUMNS: Final = ("x", "y", "z", "t", "frame", "valid", "-")
 LENGTH: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 TIME: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -34,6 +39,9 @@ EMSCON_MULTI: Final = struct.Struct("<ii3d")
 EMSCON_POINT: Final = struct.Struct("<iii3d")
 EMSCON_TYPE: Final = 3
 EMSCON_MAX: Final = 1 << 20
+NATNET_HEAD: Final = struct.Struct("<HH")
+NATNET_FRAME: Final = 7
+NATNET_VERSIONS: Final = ("2.6", "2.7", "2.9", "2.10", "2.11", "3.0", "3.1", "4.0", "4.1", "4.2")
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,11 @@ class Layout:
     wrap: float = 0.0
     """s after which device time starts again; 0: never"""
     body: int | None = None
-    """number of the body to take, dtrack; None: the first"""
+    """number of the body to take, dtrack and natnet; None: the first"""
+    device_time: bool = True
+    """False: what the instrument says of time is left out"""
+    natnet_version: str = "4.1"
+    """protocol that Motive is set to"""
 
     def check(self) -> None:
         """InputError names the option."""
@@ -75,6 +87,8 @@ class Layout:
             )
         if self.unit not in LENGTH or self.time_unit not in TIME:
             raise InputError(f"--unit: allowed: {', '.join(LENGTH)}; --time-unit: {', '.join(TIME)}")
+        if self.natnet_version not in NATNET_VERSIONS:
+            raise InputError(f"--natnet-version {self.natnet_version}: allowed: {', '.join(NATNET_VERSIONS)}")
         if self.format == "struct":
             self._check_struct()
 
@@ -102,13 +116,18 @@ class Parser:
         self._rest = b""
         self._frame: int | None = None
         self._time: float | None = None
-        takers: dict[str, Callable[[], list[Sample]]] = {"struct": self._structs, "emscon": self._emscon}
+        takers: dict[str, Callable[[], list[Sample]]] = {
+            "struct": self._structs,
+            "emscon": self._emscon,
+            "natnet": self._natnet,
+        }
         self._take = takers.get(layout.format, self._lines)
 
     def feed(self, data: bytes) -> list[Sample]:
         """The samples that are complete with these bytes."""
         self._rest += data
-        return self._take()
+        found = self._take()
+        return found if self.layout.device_time else [replace(sample, t_device=None) for sample in found]
 
     def end(self) -> list[Sample]:
         """A datagram or connection is over: what is left is a line without its end, or half a packet."""
@@ -223,7 +242,38 @@ class Parser:
             self._bad("points cut off")
             return []
         points = [EMSCON_POINT.unpack_from(body, i * EMSCON_POINT.size) for i in range(n)]
-        return [Sample((1e-3 * x, 1e-3 * y, 1e-3 * z), valid=status == 0) for status, _, _, x, y, z in points]
+        return [
+            Sample((1e-3 * x, 1e-3 * y, 1e-3 * z), t1 + 1e-6 * t2 if t1 or t2 else None, valid=status == 0)
+            for status, t1, t2, x, y, z in points
+        ]
+
+    def _natnet(self) -> list[Sample]:
+        found: list[Sample] = []
+        while len(self._rest) >= NATNET_HEAD.size:
+            kind, size = NATNET_HEAD.unpack_from(self._rest)
+            if len(self._rest) < NATNET_HEAD.size + size:
+                break
+            packet, self._rest = self._rest[NATNET_HEAD.size :][:size], self._rest[NATNET_HEAD.size + size :]
+            if kind == NATNET_FRAME:
+                found += self._natnet_frame(packet)
+        return found
+
+    def _natnet_frame(self, packet: bytes) -> list[Sample]:
+        from natnet.data_frame import DataFrame
+        from natnet.packet_buffer import PacketBuffer
+        from natnet.version import Version
+
+        try:
+            version = Version(*map(int, self.layout.natnet_version.split(".")))
+            frame: Any = DataFrame.read_from_buffer(PacketBuffer(packet), version)
+        except (struct.error, ValueError, MemoryError) as error:
+            self._bad(f"natnet {self.layout.natnet_version}: {error}; is --natnet-version right?")
+            return []
+        t, number = frame.suffix.timestamp, frame.prefix.frame_number
+        for body in frame.rigid_bodies:
+            if self.layout.body is None or body.id_num == self.layout.body:
+                return [Sample(body.pos, t, number, bool(body.tracking_valid))]
+        return [Sample((0.0, 0.0, 0.0), t, number, False)]  # the body is not seen
 
 
 def encode(layout: Layout, sample: Sample, index: int) -> bytes:
@@ -249,9 +299,23 @@ def encode(layout: Layout, sample: Sample, index: int) -> bytes:
             return f"X, {1e3 * x:.6f} | Y, {1e3 * y:.6f} | Z, {1e3 * z:.6f} | Units: (mm)\n".encode()
         case "emscon":
             body = EMSCON_MULTI.pack(1, 0, 20.0, 1013.0, 50.0)
-            body += EMSCON_POINT.pack(0 if sample.valid else 1, 0, 0, 1e3 * x, 1e3 * y, 1e3 * z)
+            t1, t2 = divmod(round(1e6 * t), 1_000_000)
+            body += EMSCON_POINT.pack(0 if sample.valid else 1, t1, t2, 1e3 * x, 1e3 * y, 1e3 * z)
             return EMSCON_HEAD.pack(EMSCON_HEAD.size + len(body), EMSCON_TYPE) + body
+        case "natnet":
+            return _natnet_bytes(sample, index)
     wrapped = math.fmod(sample.t_device or 0.0, DAY)
     place = f"{1e3 * x:.6f} {1e3 * y:.6f} {1e3 * z:.6f} 0.0 0.0 0.0"
     seen = f"6d 1 [0 1.000][{place}][1 0 0 0 1 0 0 0 1]" if sample.valid else "6d 0"
     return f"fr {index}\r\nts {wrapped:.6f}\r\n{seen}\r\n".encode()
+
+
+def _natnet_bytes(sample: Sample, index: int) -> bytes:
+    """A frame of protocol 4.1 with one rigid body, number 1. Counts stand before byte sizes of what follows."""
+    body = struct.pack("<I3f4ffH", 1, *sample.position, 0.0, 0.0, 0.0, 1.0, 0.0, int(sample.valid))
+    nothing = bytes(8)
+    parts = struct.pack("<I", index) + 2 * nothing  # marker sets, markers
+    parts += struct.pack("<II", 1, len(body)) + body
+    parts += 5 * nothing  # skeletons, assets, labelled markers, force plates, devices
+    parts += struct.pack("<IIdQQQH", 0, 0, sample.t_device or 0.0, 0, 0, 0, 0)
+    return NATNET_HEAD.pack(NATNET_FRAME, len(parts)) + parts

@@ -2,10 +2,13 @@
 """Record a position instrument beside the platform: bytes in, TRACKER messages and a run folder out.
 
 RUN/tracker.csv: valid positions in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every message of
-the channel prefix, TRACKER (with device time and lost samples) among them.
+the channel prefix or of --channels, TRACKER (with device time and lost samples) and the commanded POSE among them;
+RUN/header.json: host, and how its clock was kept.
 """
 
 import contextlib
+import errno
+import ipaddress
 import os
 import selectors
 import socket
@@ -14,8 +17,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from rich.console import Console
@@ -23,7 +27,7 @@ from rich.live import Live
 from rich.table import Table
 
 import inertiad_core
-from inertiad import encode, lcmlog, tracker_csv, watch
+from inertiad import encode, header, lcmlog, tracker_csv, watch
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Parser, Sample
 from inertiad_lcm import tracker_t
@@ -40,6 +44,9 @@ UNBELIEVABLE: Final = 1e7
 """m: beyond it is not a wrong unit but wrong bytes"""
 JUDGE_AFTER: Final = 20
 """samples, all of them out of range, after which the recording is refused"""
+RATE_AFTER: Final = 2.0
+"""s of host time after which device time must have run as fast"""
+RATE_TOLERANCE: Final = 0.1
 STEP_BACK: Final = 1.0
 """s of device time: more is a restart of the instrument, less a late duplicate"""
 
@@ -61,14 +68,24 @@ class Input(Protocol):
         """Let go."""
 
 
+def _is_multicast(host: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_multicast
+    return False
+
+
 class Udp:
-    """Datagrams from the first sender heard; those of others are counted and left out."""
+    """Datagrams from the first sender heard; those of others are counted and left out. Joins a multicast address."""
 
     def __init__(self, host: str, port: int) -> None:
         self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(_is_multicast(host)))
         self._socket.bind((host, port))
+        if _is_multicast(host):
+            member = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
         self._socket.settimeout(POLL)
         self._peer: Any = None
 
@@ -248,6 +265,26 @@ class Tracker:
         self._clock = inertiad_core.Clock(layout.time_wrap)
         self._frame: int | None = None
         self._time: float | None = None
+        self._began: tuple[float, int] | None = None
+        """device [s] and host [ns] time of the first sample"""
+        self._is_judged = False
+
+    def _check_rate(self, t_device: float, host_ns: int) -> None:
+        """InputError: device time does not pass as host time does."""
+        if self._is_judged:
+            return
+        if self._began is None or t_device < self._began[0]:
+            self._began = t_device, host_ns
+        passed = 1e-9 * (host_ns - self._began[1])
+        if passed < RATE_AFTER:
+            return
+        rate = (t_device - self._began[0]) / passed
+        if abs(rate - 1.0) > RATE_TOLERANCE:
+            raise InputError(
+                f"device time passes {rate:.4g} times as fast as the host's: allowed: within {RATE_TOLERANCE:.0%}; "
+                "is --time-unit right? --no-device-time leaves it out"
+            )
+        self._is_judged = True
 
     def _is_repeated(self, sample: Sample) -> bool:
         """By frame number, else by device time; counts the frames left out."""
@@ -291,6 +328,7 @@ class Tracker:
         message = tracker_t()
         message.t_ns = host_ns
         if sample.t_device is not None:
+            self._check_rate(sample.t_device, host_ns)
             message.t_ns = self._clock.map(sample.t_device, host_ns)
             message.t_device_ns = round(1e9 * sample.t_device)
             c.latency_us.append(1e-3 * (host_ns - message.t_ns))
@@ -305,15 +343,15 @@ class Tracker:
 
 
 class LcmRecorder(threading.Thread):
-    """Write every message of the prefix into a log, in a thread."""
+    """Write every message whose channel matches a regular expression into a log, in a thread."""
 
-    def __init__(self, url: str, prefix: str, path: Path) -> None:
+    def __init__(self, url: str, channels: str, path: Path) -> None:
         super().__init__(daemon=True)
         self.log = lcmlog.Writer(path)
         self.n_by_channel: dict[str, int] = {}
         self._is_over = threading.Event()
         self._link: Any = watch.connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
-        self._link.subscribe(f"{prefix}.*", self._take).set_queue_capacity(QUEUE)
+        self._link.subscribe(channels, self._take).set_queue_capacity(QUEUE)
 
     def _take(self, channel: str, data: bytes) -> None:
         self.n_by_channel[channel] = self.n_by_channel.get(channel, 0) + 1
@@ -341,6 +379,8 @@ class Options:
     url: str
     prefix: str = "INERTIAD_"
     seconds: float | None = None
+    channels: str = ""
+    """regular expression of the LCM channels to log; "": all of the prefix"""
 
 
 class Recording:
@@ -354,21 +394,30 @@ class Recording:
         self.tracker = Tracker(options.layout)
         self.parser = Parser(options.layout)
         self.error = ""
+        self.n_rows = self.n_out_of_order = self.n_unwritten = 0
         self._channel = f"{options.prefix}TRACKER"
-        self.lcm = LcmRecorder(options.url, options.prefix, self.folder / "run.lcmlog")
+        self.lcm = LcmRecorder(options.url, options.channels or f"{options.prefix}.*", self.folder / "run.lcmlog")
         self._link = watch.connect(options.url)
-        self._raw = (self.folder / "tracker.raw").open("wb")
-        self._csv = (self.folder / "tracker.csv").open("wb")
+        self._raw = (self.folder / "tracker.raw").open("wb", buffering=0)
+        self._csv = (self.folder / "tracker.csv").open("wb", buffering=0)
         self._write(self._csv, (tracker_csv.HEADER + "\n").encode())
         self._last_ns = 0
-        self.n_rows = self.n_out_of_order = 0
+        header.write(self.folder)
         self.lcm.start()
 
-    def _write(self, file: BinaryIO, data: bytes) -> None:
+    def _write(self, file: FileIO, data: bytes) -> bool:
+        """All of data or, on a full disk, none of it: no half row is left behind. True: written."""
         try:
-            file.write(data)
+            n = file.write(data) or 0
+            if n < len(data):
+                file.seek(-n, os.SEEK_CUR)
+                file.truncate()
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
+            self.n_unwritten += 1
             self.error = f"{file.name}: {error.strerror}"
+            return False
+        return True
 
     def take(self, data: bytes, is_end: bool) -> None:
         """Bytes that have come now."""
@@ -392,20 +441,16 @@ class Recording:
         ):  # came together without device time, or the clock's fit became better
             self.n_out_of_order += 1
             return
-        self.n_rows += 1
         self._last_ns = message.t_ns
         s, us = divmod(message.t_ns // 1000, 1_000_000)
         x, y, z = message.position
-        self._write(self._csv, f"{s}.{us:06d},{x:.9f},{y:.9f},{z:.9f}\n".encode())
+        self.n_rows += self._write(self._csv, f"{s}.{us:06d},{x:.9f},{y:.9f},{z:.9f}\n".encode())
 
     def close(self) -> None:
         """Close all files."""
         self.lcm.stop()
-        for file in (self._raw, self._csv):
-            try:
-                file.close()
-            except OSError as error:
-                self.error = f"{file.name}: {error.strerror}"
+        self._raw.close()
+        self._csv.close()
 
 
 # ---- show ------------------------------------------------------------------------------------------------------------
@@ -431,7 +476,7 @@ def facts(source: Input, recording: Recording) -> Iterator[tuple[str, str]]:
     yield "LCM log", f"{log.n_events} messages ({channels or 'none yet'}), {log.n_failed} not written"
     error = recording.error or log.error
     if error:
-        yield "not written", error
+        yield "not written", f"{recording.n_unwritten} pieces of tracker.raw and tracker.csv: {error}"
 
 
 def _view(source: Input, recording: Recording) -> Table:

@@ -308,6 +308,7 @@ EMULATED: Final = {
     "spatialanalyzer": Layout("spatialanalyzer"),
     "emscon": Layout("emscon"),
     "dtrack": Layout("dtrack"),
+    "natnet": Layout("natnet"),
 }
 """text: t,x,y,z in s and m; struct: <Id3d frame,t,x,y,z"""
 
