@@ -139,8 +139,10 @@ def test_convergence_is_the_daemons_own_estimate(good: Path) -> None:
     config = runs.config_of(runs.robot_of(good), "test")
     end = inertiad_core.read_run(config, [f"{good}/can.log"], [""], f"{good}/tracker.csv").estimate
     assert history is not None
-    np.testing.assert_array_equal(history.value[-1], [end["mass"], *end["cog"], *end["inertia_cog"]])
-    np.testing.assert_array_equal(history.std[-1], [end["mass_std"], *end["cog_std"], *end["inertia_cog_std"]])
+    np.testing.assert_allclose(history.value[-1], [end["mass"], *end["cog"], *end["inertia_cog"]], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        history.std[-1], [end["mass_std"], *end["cog_std"], *end["inertia_cog_std"]], rtol=1e-9, atol=1e-9
+    )
 
 
 def test_shares_of_the_variance_are_shares(good: Path) -> None:
