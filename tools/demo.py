@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from inertiad import paper
 from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS, Body, errors, of_message, read, read_json, read_truth
 from inertiad.watch import DEFAULT_URL, connect
@@ -37,10 +38,6 @@ PREFIX = f"DEMO{os.getpid()}_"
 """Of this demo's channels: other daemons on the machine keep theirs."""
 QUEUE = 10_000
 ISOLATED = "--isolated"
-
-PAPER_NOMINAL = (161.058, -0.001, -0.077, -0.118, 94.955, 88.859, 31.635, 4.136, -0.085, -0.393)
-PAPER_ESTIMATE = (170.740, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672)
-"""Table III of Tempel et al., ICRA 2017, in the order of NAMES."""
 
 console = Console(highlight=False, soft_wrap=True)
 
@@ -167,11 +164,11 @@ def result_table(estimate: Body, truth: Body) -> Table:
         table.add_column(heading)
     for heading in ("truth", "ours", "± std", "our error", "paper's error"):
         table.add_column(heading, justify="right")
-    paper = [e - n for e, n in zip(PAPER_ESTIMATE, PAPER_NOMINAL, strict=True)]
+    published = [e - n for e, n in zip(paper.ESTIMATED, paper.NOMINAL, strict=True)]
     for i, error in enumerate(errors(estimate, truth)):
         unit = "mm" if UNITS[i] == "m" else UNITS[i]
         values = (shown(i, truth.value[i]), shown(i, estimate.value[i]), shown(i, estimate.std[i]))
-        table.add_row(NAMES[i], unit, *values, f"[bold]{shown(i, error, True)}[/]", shown(i, paper[i], True))
+        table.add_row(NAMES[i], unit, *values, f"[bold]{shown(i, error, True)}[/]", shown(i, published[i], True))
     return table
 
 

@@ -338,6 +338,30 @@ def report(
     _say(f"{page}: written")
 
 
+@app.command(epilog="Example: inertiactl paper --seeds 30 -o paper.html")
+def paper(
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Experiments.")] = 30,
+    first: Annotated[int, typer.Option(metavar="N", min=0, help="First seed.")] = 1000,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="With a [nominal] body; default: CoGiRo.")
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write.")] = Path("paper.html"),
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Write every figure there as PNG and PDF, too.")
+    ] = None,
+) -> None:
+    """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with ours on the same data."""
+    from inertiad import reproduce
+    from inertiad.report import reproduction
+
+    with _progress() as progress:
+        found = reproduce.reproduce(robot or reproduce.ROBOT, first, seeds, None, progress)
+        progress("draw")
+        reproduction.write(found, output, figures, _command())
+    typer.echo(reproduction.text(found))
+    _say(f"{output}: written")
+
+
 @app.command(epilog="Example: inertiactl calibrate robot.toml run1 run2 --payload run2=20.0 -o calibration.toml")
 def calibrate(
     robot: RobotFile,

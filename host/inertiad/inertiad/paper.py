@@ -7,7 +7,7 @@ alpha by central differences of the rate, every sample the same weight, one esti
 Platform axes about P. It takes the sensors as they are: no offsets, no misalignment.
 """
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +15,10 @@ from scipy.spatial.transform import Rotation
 import inertiad_core
 from inertiad.robot import Robot, inertia_matrix
 from inertiad.table import Array
+
+NOMINAL: Final = (161.058, -0.001, -0.077, -0.118, 94.955, 88.859, 31.635, 4.136, -0.085, -0.393)
+ESTIMATED: Final = (170.740, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672)
+"""Table III of Tempel et al., ICRA 2017, in the order of estimate.NAMES: what was expected of the robot, and found."""
 
 
 def motion(robot: Robot, rows: Any) -> tuple[Array, Array, Array, Array, Array]:

@@ -116,6 +116,11 @@ class Moves:
         s, s1, s2 = _S(tau), _S1(tau) / duration, _S2(tau) / duration**2
         return self._poses[k] + delta * s[:, None], delta * s1[:, None], delta * s2[:, None]
 
+    @property
+    def spans(self) -> Array:
+        """Start and end of every move, s [K - 1, 2]."""
+        return np.column_stack([self._start, self._start + self._time])
+
     def at(self, t: Array) -> Motion:
         return motion_of(*self._pose(t))
 
@@ -176,6 +181,12 @@ def paper() -> Moves:
         poses += [end, start]
         times += [MOVE_TIME, MOVE_TIME]
     return Moves(np.array(poses), times, rest_time=0.5)
+
+
+def paper_spans() -> Array:
+    """Start and end of the eight moves of paper(), forward and backward in turn, the transfers left out, s [8, 2]."""
+    spans = paper().spans
+    return spans[np.arange(len(spans)) % 3 != 2]
 
 
 def hold(pose: Array, duration: float) -> Moves:

@@ -99,8 +99,5 @@ def write(
     made = page_of(facts)
     output.write_text(page.render(made), encoding="utf-8")
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        for drawing in page.drawings_of(made):
-            progress(f"draw {drawing.key}")
-            printed.write(drawing, folder)
+        printed.write_all(page.drawings_of(made), folder)
     return verdict.spoken(made.verdict)

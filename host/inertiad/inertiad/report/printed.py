@@ -197,6 +197,13 @@ def png(drawing: Drawing, dpi: int = 110) -> bytes:
     return buffer.getvalue()
 
 
+def write_all(drawings: list[Drawing], folder: Path) -> None:
+    """Every drawing, into a folder that is made where it is missing."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for drawing in drawings:
+        write(drawing, folder)
+
+
 def write(drawing: Drawing, folder: Path) -> None:
     """KEY.png and KEY.pdf."""
     canvas = draw(drawing)
