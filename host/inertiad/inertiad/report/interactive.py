@@ -29,6 +29,16 @@ from inertiad.report.figure import (
 from inertiad.table import Array
 
 SIGNED: Final = [[0.0, "#2563a8"], [0.5, "@ground"], [1.0, "#c2410c"]]
+MENU: Final[dict[str, Any]] = {
+    "type": "buttons",
+    "direction": "right",
+    "showactive": False,
+    "bgcolor": "@ground",
+    "bordercolor": "@muted",
+    "x": 0,
+    "y": 1.06,
+    "xanchor": "left",
+}
 UNSIGNED: Final = [[0.0, "@ground"], [1.0, "#1f5fa8"]]
 
 
@@ -233,9 +243,7 @@ def _of_scene(scene: Scene) -> dict[str, Any]:
         "data": [_of_space(mark) | {"visible": shown} for mark, shown in zip(scene.marks, first, strict=True)],
         "layout": {
             "scene": {**axes, "aspectmode": "data", "camera": eye},
-            "updatemenus": [
-                {"type": "buttons", "direction": "right", "buttons": buttons, "x": 0, "y": 1.06, "xanchor": "left"}
-            ],
+            "updatemenus": [MENU | {"buttons": buttons}],
             "showlegend": True,
         },
         "grid": None,

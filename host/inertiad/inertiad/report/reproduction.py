@@ -183,9 +183,9 @@ def page_of(found: Reproduction, command: str) -> Page:
     origin = [["command", command], ["seeds", f"{min(seeds)} to {max(seeds)}"]]
     origin += [[name, value] for name, value in provenance.versions()]
     method = (
-        f"Four rest-to-rest trajectories, each forward and backward, {MOVE_TIME:g} s a move. Two steps: 1/m and CoG from "
-        "the forces, then the inertia from the moments, each move by itself, medians over the eight. Joint fit: "
-        "all eight together, forces and moments in one weak-form regression, the sensors' systematic errors as unknowns."
+        f"Four rest-to-rest trajectories, each forward and backward, {MOVE_TIME:g} s a move. Two steps: 1/m and CoG "
+        "from the forces, then the inertia from the moments, each move by itself, medians over the eight. Joint fit: "
+        "all eight together, forces and moments in one weak-form regression, sensor errors as further unknowns."
     )
     return Page(
         f"{found.robot_name}: the experiment of Tempel et al., ICRA 2017",
