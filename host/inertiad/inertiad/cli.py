@@ -301,15 +301,16 @@ def fit(
     from inertiad import fit as fitter
 
     with _progress() as progress:
-        progress("read and fit")
-        described, estimate, recordings, held_out = fitter.main(runs, robot, method, validate or [])
+        progress("read")
+        described, recordings = fitter.read(runs, robot, method)
         progress("look for mistakes")
-        found = diagnose.diagnose(described, recordings)
+        for finding in diagnose.diagnose(described, recordings):  # first: with some of them there is no fit
+            _say(f"diagnosis: {finding}")
+        progress("fit")
+        estimate, held_out = fitter.main(method, described, recordings, validate or [], robot)
     typer.echo(fitter.text(estimate, fitter.truth_of(runs)))
     for line in fitter.remarks(estimate, recordings, held_out):
         _say(line)
-    for finding in found:
-        _say(f"diagnosis: {finding}")
     if json is not None:
         fitter.write(json, fitter.document(described, estimate, recordings, held_out))
 

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mistakes of wiring, units and mounting, told from the data and named in words an engineer acts on.
 
-Two kinds. What a look at the signals shows: nothing moves, a cable is slack, a sensor saturates, gravity has the
-wrong sign, positions are in mm. And what a trial shows: the same runs are fitted again as if two channels were
-exchanged, the IMU turned, a pulley of another size; where the residual falls to less than half, and below every
-other trial's, that is the mistake. Trials are plain weighted least squares, so one costs milliseconds.
+Three kinds. What a look at the signals shows: nothing moves, a cable is slack, a sensor saturates, gravity has the
+wrong sign, positions are in mm. What a trial shows: the same runs are fitted again as if two channels were exchanged or
+the IMU turned; where the residual falls to less than half, and below every other trial's, that is the mistake. Trials
+are plain weighted least squares, so one costs milliseconds. And what only a fit of body and sensor errors together
+shows, because these would hide it: the radius of the pulleys, one more unknown.
 """
 
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from scipy.spatial.transform import Rotation
 import inertiad_core
 from inertiad import runs
 from inertiad.compile import platform_size, typical_mass
+from inertiad.fit import WEAK_PRIOR
 from inertiad.robot import Robot
 from inertiad.runs import Recording
 from inertiad.table import Array
@@ -28,9 +30,22 @@ FALLS_TO: Final = 0.5
 """of the residual as it is: a trial that beats this names the mistake"""
 WORTH_A_TRIAL: Final = 0.01
 """residual, of the weight, below which nothing is looked for"""
-STUCK_SHARE: Final = 0.02
+STUCK_SHARE: Final = 0.03
+STUCK_BAND: Final = 1e-4
+"""of a channel's range: values this close to each other are one"""
+NEAR_END: Final = 0.05
+"""of a channel's range: where a saturated sensor's values pile up"""
+MOVING: Final = 0.02
+"""rad/s"""
 SLACK_SHARE: Final = 0.01
-RADII: Final = (0.0, 0.5, 2.0)
+SLACK: Final = 0.5
+"""of tension_min"""
+RADIUS_STEP: Final = 0.05
+RADIUS_MAX: Final = 0.5
+RADIUS_DIFFERS: Final = 0.01
+"""m: less than this is not worth a word"""
+RADIUS_SURE: Final = 25.0
+"""fall of the cost, five sigma: what this radius explains and no sensor error can"""
 FORCE_UNITS: Final = (("kN", 1e3), ("kg", 9.80665), ("lbf", 4.4482), ("daN", 10.0), ("mN", 1e-3))
 TURN_NAMES: Final = {0: "x", 1: "y", 2: "z"}
 
@@ -101,13 +116,73 @@ def _turns(robot: Robot, rows: list[Any]) -> Iterator[Trial]:
         )
 
 
-def _radii(robot: Robot, rows: list[Any]) -> Iterator[Trial]:
-    given = [c.pulley_radius for c in robot.cable]
-    guesses = {0.0, *(factor * r for r in given for factor in RADII)} if max(given) > 0.0 else {0.05}
-    for radius in sorted(guesses - set(given)):
-        cables = [c.model_copy(update={"pulley_radius": radius}) for c in robot.cable]
-        words = f"pulley_radius looks wrong: residual falls {{}} with {radius:g} m instead of {given[0]:g} m"
-        yield Trial(words, runs.config_of(robot.model_copy(update={"cable": cables}), robot.name), rows)
+@dataclass(frozen=True)
+class Explained:
+    """How well body and sensor errors together explain the runs with pulleys of one radius."""
+
+    radius: float
+    cost: float
+    """chi squared of the windows and of the sensor errors' priors; inf: windows are lost"""
+    rms: float
+    """N: of the windows' residual force, and moment over the platform's size"""
+
+
+def _with_radius(robot: Robot, radius: float) -> Robot:
+    """The robot with pulleys of that radius [m], its attachments taken as they are."""
+    cables = [c.model_copy(update={"pulley_radius": radius}) for c in robot.cable]
+    std = robot.std.model_copy(update={"geometry": 0.0})
+    return robot.model_copy(update={"cable": cables, "std": std})
+
+
+def _explain(robot: Robot, rows: list[Any], radius: float) -> Explained:
+    config = runs.config_of(_with_radius(robot, radius), robot.name)
+    try:
+        found = inertiad_core.batch(config, rows, [0] * len(rows), [0.0], theta_prior=WEAK_PRIOR, n_weight_steps=0)
+    except ValueError:
+        return Explained(radius, np.inf, np.inf)
+    std, xi = np.array(inertiad_core.systematic_std(config)), np.array(found["xi"])
+    known = std > 0.0
+    cost = float(((xi[known] / std[known]) ** 2).sum())
+    weight = np.repeat([1.0, 1.0 / platform_size(robot)], 3)
+    n, square = 0, 0.0
+    for fit in found["fit"]:
+        n += fit["n_windows"]
+        cost += fit["n_windows"] * float(((fit["rms"] / fit["noise_std"]) ** 2).sum())
+        square += fit["n_windows"] * float(((fit["rms"] * weight) ** 2).sum())
+    is_whole = n > 0 and all(fit["n_windows"] > 0 for fit in found["fit"])
+    return Explained(radius, cost if is_whole else np.inf, float(np.sqrt(square / max(n, 1))))
+
+
+def _vertex(tried: list[Explained]) -> float:
+    """The radius where a parabola through the three best has its minimum, within what a pulley may have."""
+    best = sorted(tried, key=lambda e: e.cost)[:3]
+    square, slope, _ = np.polyfit([e.radius for e in best], [e.cost for e in best], 2)
+    return float(np.clip(-0.5 * slope / square, 0.0, RADIUS_MAX)) if square > 0.0 else best[0].radius
+
+
+def _radius(robot: Robot, recordings: list[Recording]) -> list[str]:
+    """The pulleys' radius as one more unknown; the cost is nearly a parabola in it."""
+    rows = [_short(run.rows) for run in recordings]
+    given = float(np.mean([c.pulley_radius for c in robot.cable]))
+    before = _explain(robot, rows, given)
+    if not np.isfinite(before.cost):
+        return []
+    steps = (-1.0, 1.0) if given >= RADIUS_STEP else (1.0, 2.0)
+    tried = [before, *(_explain(robot, rows, given + step * RADIUS_STEP) for step in steps)]
+    for _ in range(2):
+        if not all(np.isfinite(e.cost) for e in tried):
+            return []
+        radius = _vertex(tried)
+        if min(abs(radius - e.radius) for e in tried) < 0.1 * RADIUS_DIFFERS:
+            break
+        tried.append(_explain(robot, rows, radius))
+    best = min(tried, key=lambda e: e.cost)
+    if before.cost - best.cost < RADIUS_SURE or abs(best.radius - given) < RADIUS_DIFFERS:
+        return []
+    return [
+        f"pulley_radius looks wrong: residual falls from {before.rms:.3g} N to {best.rms:.3g} N with pulley_radius = "
+        f"{best.radius:.3f} m instead of {given:g} m"
+    ]
 
 
 def _trials(robot: Robot, recordings: list[Recording]) -> list[str]:
@@ -118,7 +193,7 @@ def _trials(robot: Robot, recordings: list[Recording]) -> list[str]:
     if not before > WORTH_A_TRIAL * _force_scale(rows):
         return []
     best, least = None, FALLS_TO * before
-    for make in (_exchanges, _turns, _radii):
+    for make in (_exchanges, _turns):
         for trial in make(robot, rows):
             now = residual(trial.config, size, trial.rows)
             if now < least:
@@ -206,7 +281,7 @@ def _force_unit(robot: Robot, recordings: list[Recording]) -> list[str]:
 def _slack(robot: Robot, run: Recording) -> list[str]:
     f, found = run.rows.f, []
     for i, cable in enumerate(robot.cable):
-        share = float((f[:, i] < 0.5 * cable.tension_min).mean())
+        share = float((f[:, i] < SLACK * cable.tension_min).mean())
         if cable.tension_min > 0.0 and share > SLACK_SHARE:
             found.append(
                 f"{run.path}: cable {i + 1} is slack for {100 * share:.0f} % of the time: "
@@ -215,22 +290,40 @@ def _slack(robot: Robot, run: Recording) -> list[str]:
     return found if len(found) < robot.n_cables else []
 
 
-def _saturated(run: Recording) -> list[str]:
-    """A channel that sits on its own extreme value much of the time while others move."""
-    found = []
-    channels = [(f"force sensor {i + 1}", run.rows.f[:, i]) for i in range(run.rows.f.shape[1])]
-    channels += [(f"accelerometer {a}", run.rows.acc[:, i]) for i, a in enumerate("xyz")]
-    channels += [(f"gyro {a}", run.rows.gyro[:, i]) for i, a in enumerate("xyz")]
-    for name, x in channels:
-        spread = float(x.max() - x.min())
-        if spread <= 0.0:
-            if len(x) > 100 and name.startswith("force"):
-                found.append(f"{run.path}: {name} is stuck at {x[0]:.6g}")
+def _pile(x: Array) -> tuple[float, float]:
+    """The value near either end of a channel's range where most samples are, and their share."""
+    band = STUCK_BAND * float(x.max() - x.min())
+    best = (0.0, 0.0)
+    for end in (x.max(), x.min()):
+        near = np.rint(x[np.abs(x - end) <= NEAR_END * float(x.max() - x.min())] / band)
+        values, counts = np.unique(near, return_counts=True)
+        share = float(counts.max()) / len(x)
+        best = max(best, (share, float(band * values[counts.argmax()])))
+    return best[1], best[0]
+
+
+def _saturated(robot: Robot, run: Recording) -> list[str]:
+    """A channel whose values pile up near the end of its own range while the platform moves, or that never changes.
+
+    A slack cable's pile is its own.
+    """
+    rows, found = run.rows, []
+    channels = [(f"force sensor {i + 1}", rows.f[:, i], c.tension_min) for i, c in enumerate(robot.cable)]
+    channels += [(f"accelerometer {a}", rows.acc[:, i], 0.0) for i, a in enumerate("xyz")]
+    channels += [(f"gyro {a}", rows.gyro[:, i], 0.0) for i, a in enumerate("xyz")]
+    moving = np.linalg.norm(rows.gyro, axis=1) > MOVING
+    for name, x, tension_min in channels:
+        if moving.sum() <= 100:
             continue
-        for extreme in (x.max(), x.min()):
-            share = float((x == extreme).mean())
-            if share > STUCK_SHARE and len(x) > 100 and len(np.unique(x)) > 20:
-                found.append(f"{run.path}: {name} is saturated at {extreme:.6g} for {100 * share:.0f} % of the time")
+        if x.max() == x.min():
+            if name.startswith("force"):
+                found.append(f"{run.path}: {name} is stuck at {x[0]:.6g}")
+        elif x[moving].max() > x[moving].min():
+            value, share = _pile(x[moving])
+            if share > STUCK_SHARE and not 0.0 <= value < SLACK * tension_min:
+                found.append(
+                    f"{run.path}: {name} is saturated at {value:.6g} for {100 * share:.0f} % of the time it moves"
+                )
     return found
 
 
@@ -259,6 +352,8 @@ def diagnose(robot: Robot, recordings: list[Recording]) -> list[str]:
         found += _gravity(robot, run) + _gyro_unit(run)
     unit = _force_unit(robot, recordings)
     for run in recordings:
-        found += _saturated(run) + ([] if unit else _slack(robot, run))
+        found += _saturated(robot, run) + ([] if unit else _slack(robot, run))
     found += unit + _excitation(recordings)
-    return found if unit else found + _trials(robot, recordings)
+    if not unit:
+        found += _trials(robot, recordings)
+    return found if found else _radius(robot, recordings)

@@ -354,15 +354,18 @@ def truth_of(paths: list[Path]) -> Body | None:
     return found.pop() if len(found) == 1 and len(files) == len(paths) else None
 
 
-def main(
-    paths: list[Path], robot_file: Path | None, method: str, held_out: list[Path]
-) -> tuple[Robot, Estimate, list[Recording], list[Validation]]:
-    """Read, fit, validate."""
+def read(paths: list[Path], robot_file: Path | None, method: str) -> tuple[Robot, list[Recording]]:
+    """The runs, and the first one's robot. InputError: a run is unusable, or the method unknown."""
     if method not in METHODS:
         raise InputError(f'--method "{method}": allowed: {", ".join(METHODS)}')
     recordings = runs.read_all(paths, robot_file)
-    robot = recordings[0].robot
-    config = runs.config_of(robot, str(paths[0]))
+    return recordings[0].robot, recordings
+
+
+def main(
+    method: str, robot: Robot, recordings: list[Recording], held_out: list[Path], robot_file: Path | None
+) -> tuple[Estimate, list[Validation]]:
+    """Fit, validate."""
+    config = runs.config_of(robot, str(recordings[0].path))
     estimate = fit(method, robot, config, recordings)
-    validations = [validate(config, estimate, run) for run in runs.read_all(held_out, robot_file)]
-    return robot, estimate, recordings, validations
+    return estimate, [validate(config, estimate, run) for run in runs.read_all(held_out, robot_file)]
