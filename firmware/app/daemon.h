@@ -80,6 +80,8 @@ typedef struct {
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
     ipe_presence_t presence[IPE_SENSOR_COUNT];
     int64_t presence_due_ns;      ///< data time of the next look
+    ipe_host_facts_t facts;       ///< as found at the start
+    int n_facts_ticks;            ///< until they are told again
     int n_ticks;                  ///< since the last checkpoint
     uint64_t n_changes_reported;  ///< payload changes
     bool is_damage_reported;

@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { CHECKPOINT_TICKS = 5, STATE_EVENTS_MAX = 10 };
+enum { CHECKPOINT_TICKS = 5, FACTS_TICKS = 60, STATE_EVENTS_MAX = 10 };
 static const int64_t PRESENCE_NS = NS_PER_S / 10;
 
 /// Tell it to people and programs alike.
@@ -132,10 +132,19 @@ static void look_at_sensors(daemon_t* d, int64_t now_ns)
     }
 }
 
+/// Send HOST, when there is a time to stamp it with and then once a minute.
+static void tell_facts(daemon_t* d, int64_t now_ns)
+{
+    if (d->n_facts_ticks > 0) { return; }
+    d->n_facts_ticks = FACTS_TICKS;
+    ipe_publish_host(&d->publisher, now_ns, &d->facts);
+}
+
 void monitor_advance(daemon_t* d, int64_t now_ns)
 {
     if (now_ns < d->presence_due_ns && now_ns >= d->presence_due_ns - PRESENCE_NS) { return; }
     d->presence_due_ns = now_ns + PRESENCE_NS;
+    tell_facts(d, now_ns);
     look_at_sensors(d, now_ns);
 }
 
@@ -179,6 +188,7 @@ void monitor_tick(daemon_t* d)
     monitor_losses(d);
     memset(d->n_state_events, 0, sizeof d->n_state_events);
     if (d->n_interfaces > 0) { monitor_advance(d, flow_now(d)); }
+    if (d->n_facts_ticks > 0) { d->n_facts_ticks--; }
     check_invariants(d);
     if (d->option.checkpoint != NULL && ++d->n_ticks >= CHECKPOINT_TICKS) {
         d->n_ticks = 0;

@@ -14,7 +14,7 @@ void monitor_error_frame(daemon_t* d, const ipe_frame_t* frame);
 /// Look at the clocks before stamps are mapped; tell when somebody set the host's.
 void monitor_clock(daemon_t* d);
 
-/// Data time moved on: ten times a second of it look whether every sensor is there.
+/// Data time moved on: ten times a second of it look whether every sensor is there. HOST goes out here first.
 void monitor_advance(daemon_t* d, int64_t now_ns);
 
 /// Tell when frames, messages of the record or of LCM begin to get lost, and when none were since the last look.

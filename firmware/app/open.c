@@ -289,6 +289,19 @@ static void open_notify(daemon_t* d)
     }
 }
 
+/// What later explains the stamps, as it is once everything is set.
+static void read_facts(daemon_t* d)
+{
+    char name[IPE_FACT_NAME_MAX];
+    ipe_host_facts_read(&d->facts);
+    for (unsigned i = 0; i < d->n_interfaces; ++i) {
+        const ipe_source_socketcan_t* s = &d->interface[i];
+        ipe_host_facts_read_interface(&d->facts, s->interface);
+        (void)snprintf(name, sizeof name, "%s.receive_buffer", s->interface);
+        ipe_host_facts_add(&d->facts, name, "%d B", s->receive_buffer);
+    }
+}
+
 int daemon_open(daemon_t* d)
 {
     char reason[REASON_SIZE];
@@ -308,5 +321,7 @@ int daemon_open(daemon_t* d)
     if (!daemon_can_use(d, &d->config, reason, sizeof reason)) { return daemon_refuse(d->option.config, reason); }
     if (d->option.checkpoint != NULL && open_checkpoint(d) != 0) { return -1; }
     if (d->option.record != NULL && open_record(d) != 0) { return -1; }
-    return loop_open(d) != 0 ? -1 : open_real_time(d);
+    if (loop_open(d) != 0 || open_real_time(d) != 0) { return -1; }
+    read_facts(d);
+    return 0;
 }

@@ -4,6 +4,7 @@
 #include "inertiad_lcm_estimate_t.h"
 #include "inertiad_lcm_event_t.h"
 #include "inertiad_lcm_health_t.h"
+#include "inertiad_lcm_host_t.h"
 #include "inertiad_lcm_raw_t.h"
 #include "inertiad_lcm_signals_t.h"
 #include "inertiad_lcm_tracker_t.h"
@@ -32,8 +33,8 @@ static bool is_good_prefix(const char* prefix)
 
 static void name_channels(ipe_publish_t* p, const char* prefix)
 {
-    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",   "SIGNALS", "ESTIMATE", "HEALTH",
-                                                        "EVENT", "TRACKER", "COMMAND",  "CONFIG"};
+    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",  "SIGNALS", "ESTIMATE", "HEALTH", "EVENT",
+                                                        "HOST", "TRACKER", "COMMAND",  "CONFIG"};
     for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
         (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
     }
@@ -279,6 +280,20 @@ void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_health_t* h)
                                      .latency = latency};
     memcpy(message.age, h->age, sizeof message.age);
     (void)send(p, IPE_PUBLISH_HEALTH, t_ns, inertiad_lcm_health_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+void ipe_publish_host(ipe_publish_t* p, int64_t t_ns, const ipe_host_facts_t* facts)
+{
+    if (!is_on(p)) { return; }
+    inertiad_lcm_fact_t fact[IPE_FACTS_MAX];
+    for (unsigned i = 0; i < facts->n; ++i) {
+        // The generated type has no const, and its encoder only reads.
+        fact[i].name = (char*)(uintptr_t)facts->fact[i].name;
+        fact[i].value = (char*)(uintptr_t)facts->fact[i].value;
+    }
+    const inertiad_lcm_host_t message = {
+        .sequence = p->sequence[IPE_PUBLISH_HOST], .t_ns = t_ns, .n_facts = (int32_t)facts->n, .fact = fact};
+    (void)send(p, IPE_PUBLISH_HOST, t_ns, inertiad_lcm_host_t_encode(p->bytes, 0, sizeof p->bytes, &message));
 }
 
 static void send_event(ipe_publish_t* p, int64_t t_ns, inertiad_lcm_event_t message, const char* source,

@@ -14,6 +14,7 @@
 #include "bus_state.h"
 #include "counters.h"
 #include "histogram.h"
+#include "host_facts.h"
 #include "message.h"
 #include "pipeline.h"
 #include "record.h"
@@ -38,6 +39,7 @@ typedef enum {
     IPE_PUBLISH_ESTIMATE,
     IPE_PUBLISH_HEALTH,
     IPE_PUBLISH_EVENT,
+    IPE_PUBLISH_HOST,
     IPE_PUBLISH_TRACKER,  ///< in records only, as are those below
     IPE_PUBLISH_COMMAND,
     IPE_PUBLISH_CONFIG,
@@ -123,6 +125,9 @@ bool ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t
 
 /// Send HEALTH.
 void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_health_t* health);
+
+/// Send HOST: what was found at the start.
+void ipe_publish_host(ipe_publish_t* p, int64_t t_ns, const ipe_host_facts_t* facts);
 
 /// Send EVENT: what happened, to which stage or bus; one line.
 void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text);

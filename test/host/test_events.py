@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What happens to buses, sensors and the record is told on EVENT, counted, and leaves the estimate alive."""
 
+import os
+import platform
 import resource
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,7 +15,7 @@ from conftest import COGIRO, TOP
 from inertiad import compile as compiler
 from inertiad import lcmlog
 from inertiad import robot as description
-from inertiad_lcm import event_t, health_t
+from inertiad_lcm import event_t, health_t, host_t
 
 DAEMON = TOP / "build/bin/inertiad"
 
@@ -122,3 +125,28 @@ def test_latencies_are_measured_where_time_is_kept(run, tmp_path):
     assert "latency.estimate: " in result.stderr
     daemon(run, log, tmp_path / "fast.lcmlog")
     assert [x.n for x in last_health(tmp_path / "fast.lcmlog").latency] == [0, 0]
+
+
+def test_record_tells_the_machine_it_was_made_on(run, tmp_path):
+    daemon(run, run / "can.log", tmp_path / "run.lcmlog")
+    hosts = [host_t.decode(e.data) for e in lcmlog.read(tmp_path / "run.lcmlog") if e.channel == "INERTIAD_HOST"]
+    facts = {fact.name: fact.value for fact in hosts[0].fact}
+    assert platform.release() in facts["kernel"] and facts["host"] == platform.node()
+    assert facts["scheduling"] == "SCHED_OTHER" and facts["clock.synchronised"].split(":")[0] in (
+        "yes",
+        "no",
+        "unknown",
+    )
+    assert facts["processors"].endswith(f"of {os.cpu_count()}")
+    command = [
+        sys.executable,
+        "-m",
+        "inertiad",
+        "watch",
+        "--lcm",
+        f"file://{tmp_path}/run.lcmlog?speed=0",
+        "--seconds",
+        "5",
+    ]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
+    assert f"kernel: {facts['kernel'].split()[0]}" in shown.stdout, shown.stderr

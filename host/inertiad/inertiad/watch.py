@@ -17,7 +17,7 @@ from rich.text import Text
 
 from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS, of_message
-from inertiad_lcm import bus_t, estimate_t, event_t, health_t
+from inertiad_lcm import bus_t, estimate_t, event_t, health_t, host_t
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 DEFAULT_PREFIX = "INERTIAD_"
@@ -61,6 +61,7 @@ class Latest:
         self.health: health_t | None = None
         self.before: health_t | None = None
         """the HEALTH before that, for rates"""
+        self.host: host_t | None = None
         self.events: deque[event_t] = deque(maxlen=EVENTS_SHOWN)
         self.heard = time.monotonic()
 
@@ -70,6 +71,10 @@ class Latest:
 
     def on_health(self, _channel: str, data: bytes) -> None:
         self.before, self.health = self.health, health_t.decode(data)
+        self.heard = time.monotonic()
+
+    def on_host(self, _channel: str, data: bytes) -> None:
+        self.host = host_t.decode(data)
         self.heard = time.monotonic()
 
     def on_event(self, _channel: str, data: bytes) -> None:
@@ -170,6 +175,10 @@ def _event_line(event: event_t) -> Text:
     return Text(f"{clock}  {event.source}: {event.text}", style=style)
 
 
+def _host_line(host: host_t) -> Text:
+    return Text("; ".join(f"{fact.name}: {fact.value}" for fact in host.fact), style="dim")
+
+
 def _health_parts(health: health_t, before: health_t | None) -> list[Any]:
     parts: list[Any] = [_bus_table(health, before)]
     if any(x.n for x in health.latency):
@@ -188,6 +197,8 @@ def _view(latest: Latest, url: str) -> Group:
         parts += [_estimate_table(latest.estimate), _summary(latest.estimate)]
     if latest.health is not None:
         parts += _health_parts(latest.health, latest.before)
+    if latest.host is not None:
+        parts.append(_host_line(latest.host))
     parts += [_event_line(event) for event in latest.events]
     if latest.silence > SILENT_AFTER:
         parts.append(Text(f"no message for {latest.silence:.0f} s", style="yellow"))
@@ -201,6 +212,7 @@ def watch(url: str, prefix: str, seconds: float | None) -> None:
     bus.subscribe(f"{prefix}ESTIMATE", latest.on_estimate)
     bus.subscribe(f"{prefix}HEALTH", latest.on_health)
     bus.subscribe(f"{prefix}EVENT", latest.on_event)
+    bus.subscribe(f"{prefix}HOST", latest.on_host)
     end = None if seconds is None else time.monotonic() + seconds
     with Live(_view(latest, url), console=Console(), refresh_per_second=10, transient=False) as live:
         while end is None or time.monotonic() < end:
