@@ -16,11 +16,4 @@ typedef enum {
 /// Stamps lie in 0 .. this, so that their differences and small sums fit. Seconds; the year 2255.
 #define IPE_SECONDS_MAX 8999999999
 
-/// True if two stamps are so far apart that one of them may be wrong: over 1 s.
-static inline bool ipe_stamps_are_far(int64_t a_ns, int64_t b_ns)
-{
-    const int64_t apart_ns = a_ns > b_ns ? a_ns - b_ns : b_ns - a_ns;
-    return apart_ns > 1000000000;
-}
-
 #endif

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "source_file.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <stddef.h>
 #include <string.h>
@@ -61,8 +62,10 @@ static ipe_source_status_t end(ipe_source_file_t* s)
 }
 
 /// The next frame of the file.
-static ipe_source_status_t read_frame(ipe_source_file_t* s, ipe_frame_t* frame)
+static ipe_source_status_t read_frame(void* source, void* item)
 {
+    ipe_source_file_t* s = source;
+    ipe_frame_t* frame = item;
     for (;;) {
         const char* text;
         size_t length;
@@ -79,43 +82,24 @@ static ipe_source_status_t read_frame(ipe_source_file_t* s, ipe_frame_t* frame)
     }
 }
 
-/// s->head is far from the last stamp: drop it if the frame after it is not. WAIT: that one has not come yet.
-static ipe_source_status_t drop_stray(ipe_source_file_t* s)
+static_assert(offsetof(ipe_frame_t, t_ns) == 0, "the stamp comes first");
+
+static ipe_lookahead_items_t items_of(ipe_source_file_t* s)
 {
-    while (ipe_stamps_are_far(s->head.t_ns, s->last_ns)) {
-        if (!s->has_ahead) {
-            const ipe_source_status_t status = read_frame(s, &s->ahead);
-            if (status == IPE_SOURCE_WAIT) { return status; }
-            s->has_ahead = status == IPE_SOURCE_READY;
-        }
-        if (!s->has_ahead || ipe_stamps_are_far(s->ahead.t_ns, s->last_ns)) { break; }
-        s->head = s->ahead;
-        s->has_ahead = false;
-        s->n_stray++;
-    }
-    return IPE_SOURCE_READY;
+    return (ipe_lookahead_items_t){
+        .read = read_frame, .source = s, .head = &s->head, .ahead = &s->ahead, .size = sizeof s->head};
 }
 
 ipe_source_status_t ipe_source_file_peek(ipe_source_file_t* s)
 {
-    if (!s->has_head && s->has_ahead) {
-        s->head = s->ahead;
-        s->has_ahead = false;
-        s->has_head = true;
-    }
-    if (!s->has_head) {
-        const ipe_source_status_t status = read_frame(s, &s->head);
-        if (status != IPE_SOURCE_READY) { return status; }
-        s->has_head = true;
-    }
-    return s->has_last ? drop_stray(s) : IPE_SOURCE_READY;
+    const ipe_lookahead_items_t items = items_of(s);
+    return ipe_lookahead_peek(&s->lookahead, &items);
 }
 
 void ipe_source_file_take(ipe_source_file_t* s)
 {
-    s->has_head = false;
-    s->has_last = true;
-    s->last_ns = s->head.t_ns;
+    const ipe_lookahead_items_t items = items_of(s);
+    ipe_lookahead_take(&s->lookahead, &items);
     ipe_bus_count(&s->counts, &s->head);
 }
 
@@ -148,7 +132,7 @@ const char* ipe_source_file_counter(const ipe_source_file_t* s, unsigned index, 
         {"bad_id", s->n_result[IPE_CANDUMP_BAD_ID]},
         {"bad_data", s->n_result[IPE_CANDUMP_BAD_DATA]},
         {"bad_tail", s->n_result[IPE_CANDUMP_BAD_TAIL]},
-        {"stray_stamp", s->n_stray},
+        {"stray_stamp", s->lookahead.n_stray},
         {"too_long", s->n_too_long},
         {"cut", s->n_cut},
     };

@@ -14,26 +14,22 @@
 #include "bus_counts.h"
 #include "candump.h"
 #include "lines.h"
+#include "lookahead.h"
 #include "message.h"
-#include "source.h"
 
 typedef struct {
     const char* path;
     const char* interface;  ///< only this one's frames, NULL: all
     uint8_t bus;
-    bool has_head;
-    ipe_frame_t head;   ///< the next frame, when has_head
-    bool has_ahead;
+    ipe_lookahead_t lookahead;
+    ipe_frame_t head;   ///< the next frame, when peeked
     ipe_frame_t ahead;  ///< the one after it, read only when head's stamp is far off
-    bool has_last;
-    int64_t last_ns;    ///< stamp of the last frame taken
     ipe_lines_t lines;
     ipe_message_limit_t limit;
 
     ipe_bus_counts_t counts;               ///< n_dropped: from DROPCOUNT lines
     uint64_t n_result[IPE_CANDUMP_COUNT];  ///< lines by what they were
     uint64_t n_other_interface;            ///< frames of interfaces that the filter keeps out
-    uint64_t n_stray;                      ///< frames left out, their stamp is far off
     uint64_t n_too_long;                   ///< lines skipped, longer than IPE_LINE_MAX
     uint64_t n_cut;                        ///< a last line without line end that is not a frame
 } ipe_source_file_t;

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "source_tracker_file.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <stddef.h>
 #include <string.h>
 
 enum { CELL_MAX = 63, NO_COLUMN = -1 };
@@ -146,8 +148,10 @@ static void refuse(ipe_source_tracker_file_t* s)
 }
 
 /// The next position of the file.
-static ipe_source_status_t read_position(ipe_source_tracker_file_t* s, ipe_position_t* position)
+static ipe_source_status_t read_position(void* source, void* item)
 {
+    ipe_source_tracker_file_t* s = source;
+    ipe_position_t* position = item;
     for (;;) {
         const char* text;
         size_t length;
@@ -160,43 +164,24 @@ static ipe_source_status_t read_position(ipe_source_tracker_file_t* s, ipe_posit
     }
 }
 
-/// s->head is far from the last time: drop it if the position after it is not. WAIT: that one has not come yet.
-static ipe_source_status_t drop_stray(ipe_source_tracker_file_t* s)
+static_assert(offsetof(ipe_position_t, t_ns) == 0, "the stamp comes first");
+
+static ipe_lookahead_items_t items_of(ipe_source_tracker_file_t* s)
 {
-    while (ipe_stamps_are_far(s->head.t_ns, s->last_ns)) {
-        if (!s->has_ahead) {
-            const ipe_source_status_t status = read_position(s, &s->ahead);
-            if (status == IPE_SOURCE_WAIT) { return status; }
-            s->has_ahead = status == IPE_SOURCE_READY;
-        }
-        if (!s->has_ahead || ipe_stamps_are_far(s->ahead.t_ns, s->last_ns)) { break; }
-        s->head = s->ahead;
-        s->has_ahead = false;
-        s->n_stray++;
-    }
-    return IPE_SOURCE_READY;
+    return (ipe_lookahead_items_t){
+        .read = read_position, .source = s, .head = &s->head, .ahead = &s->ahead, .size = sizeof s->head};
 }
 
 ipe_source_status_t ipe_source_tracker_file_peek(ipe_source_tracker_file_t* s)
 {
-    if (!s->has_head && s->has_ahead) {
-        s->head = s->ahead;
-        s->has_ahead = false;
-        s->has_head = true;
-    }
-    if (!s->has_head) {
-        const ipe_source_status_t status = read_position(s, &s->head);
-        if (status != IPE_SOURCE_READY) { return status; }
-        s->has_head = true;
-    }
-    return s->has_last ? drop_stray(s) : IPE_SOURCE_READY;
+    const ipe_lookahead_items_t items = items_of(s);
+    return ipe_lookahead_peek(&s->lookahead, &items);
 }
 
 void ipe_source_tracker_file_take(ipe_source_tracker_file_t* s)
 {
-    s->has_head = false;
-    s->has_last = true;
-    s->last_ns = s->head.t_ns;
+    const ipe_lookahead_items_t items = items_of(s);
+    ipe_lookahead_take(&s->lookahead, &items);
     s->n_positions++;
 }
 
@@ -215,7 +200,7 @@ const char* ipe_source_tracker_file_counter(const ipe_source_tracker_file_t* s, 
     const struct {
         const char* cause;
         uint64_t value;
-    } counter[] = {{"positions", s->n_positions}, {"bad_rows", s->n_bad_rows}, {"stray_time", s->n_stray}};
+    } counter[] = {{"positions", s->n_positions}, {"bad_rows", s->n_bad_rows}, {"stray_time", s->lookahead.n_stray}};
     if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
     *value = counter[index].value;
     return counter[index].cause;

@@ -10,8 +10,8 @@
 #define IPE_SOURCE_TRACKER_FILE_H
 
 #include "lines.h"
+#include "lookahead.h"
 #include "message.h"
-#include "source.h"
 
 typedef struct {
     int64_t t_ns;        ///< host time, ns
@@ -23,18 +23,14 @@ enum { IPE_TRACKER_COLUMNS = 4 };
 typedef struct {
     const char* path;
     int column[IPE_TRACKER_COLUMNS];  ///< index of t, x, y, z in the file
-    bool has_head;
-    ipe_position_t head;              ///< the next position, when has_head
-    bool has_ahead;
+    ipe_lookahead_t lookahead;
+    ipe_position_t head;              ///< the next position, when peeked
     ipe_position_t ahead;             ///< the one after it, read only when head's time is far off
-    bool has_last;
-    int64_t last_ns;                  ///< time of the last position taken
     ipe_lines_t lines;
     ipe_message_limit_t limit;
 
     uint64_t n_positions;  ///< handed on
     uint64_t n_bad_rows;   ///< a needed cell missing or not a number, or a line that is too long or cut
-    uint64_t n_stray;      ///< positions left out, their time is far off
 } ipe_source_tracker_file_t;
 
 /// Open a file ("-": stdin) and read its header; waits for it on a pipe. path is kept by pointer.

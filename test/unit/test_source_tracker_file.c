@@ -84,7 +84,7 @@ static void test_tracker_stray_time_is_left_out(void)
     check_position(60000000000, 4, 0, 0);
     check_position(60100000000, 5, 0, 0);
     TEST_ASSERT_NULL(next_position());
-    TEST_ASSERT_EQUAL_UINT64(1, tracker.n_stray);
+    TEST_ASSERT_EQUAL_UINT64(1, tracker.lookahead.n_stray);
 }
 
 static void test_tracker_nan_is_handed_on_for_the_pipeline_to_refuse(void)
