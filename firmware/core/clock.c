@@ -33,6 +33,7 @@ static void start(ipe_clock_t* c, double device, int64_t host_ns)
     c->device_0 = device;
     c->newest = 0.0;
     c->n_back = 0;
+    c->off_side = 0;
     c->n_off = 0;
     c->host_0_ns = host_ns;
     c->n_points = 0;

@@ -140,13 +140,14 @@ static void take_values(ipe_group_t* g, const ipe_sample_t* sample, uint64_t wan
 }
 
 /// Samples from the last complete one to this, from its counter; what is in between was lost. 0: no counter, or it jumped.
-static uint64_t count_step(ipe_group_t* g)
+static uint64_t count_step(ipe_group_t* g, bool* is_reordered)
 {
+    *is_reordered = false;
     if (!g->has_counter || g->n_complete == 0 || g->period == 0.0) { return 0; }
     const double difference = g->counter - g->completed_counter, wrap = g->counter_wrap;
     const double step = wrap > 0.0 && difference < 0.0 ? difference + wrap : difference;
-    const bool is_reordered = step < 0.0 ? step >= -REORDERED_MAX : wrap > 0.0 && wrap - step <= REORDERED_MAX;
-    if (is_reordered) {
+    *is_reordered = step < 0.0 ? step >= -REORDERED_MAX : wrap > 0.0 && wrap - step <= REORDERED_MAX;
+    if (*is_reordered) {
         g->n_lost -= g->n_lost > 0;
         return 0;
     }
@@ -161,7 +162,8 @@ static uint64_t count_step(ipe_group_t* g)
 static void close_sample(ipe_group_t* g)
 {
     const double interval = seconds(g->completed_ns, g->opened_ns);
-    g->reading.step = count_step(g);
+    bool is_reordered;
+    g->reading.step = count_step(g, &is_reordered);
     g->n_used += g->n_open_frames;
     if (g->n_complete > 0 && g->n_intervals++ == 0) {
         g->period = interval;
@@ -170,8 +172,10 @@ static void close_sample(ipe_group_t* g)
     }
     g->n_dropped_in_a_row = 0;
     g->n_dropped_since = 0;
-    g->completed_ns = g->opened_ns;
-    g->completed_counter = g->counter;
+    if (!is_reordered) {
+        g->completed_ns = g->opened_ns;
+        g->completed_counter = g->counter;
+    }
     g->is_open = false;
     ++g->n_complete;
 }

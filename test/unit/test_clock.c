@@ -173,6 +173,7 @@ static void check_small_step(double at, double device_step, double noticed_withi
         ASSERT_BELOW(1e-3 * k < noticed_within ? fabs(device_step) + 2e-3 : 300e-6, error);  // then
     }
     TEST_ASSERT_EQUAL_UINT64(1, clock_.n_steps);
+    TEST_ASSERT_GREATER_THAN_INT(30, clock_.n_points);  // and goes on learning
 }
 
 static void test_map_device_stepped_ahead_by_5_ms_is_noticed(void)

@@ -370,6 +370,24 @@ static void test_push_counter_tells_samples_that_were_lost_whole(void)
     check_counter(50, 7, 0, 7, 0);
 }
 
+static void test_push_reordered_samples_are_not_lost(void)
+{
+    ipe_group_init(&group, IPE_IMU, &config);  // given: 10 comes after 12, 65536 is 0 and comes before 65535
+    for (int k = 65500; k < 65600; ++k) {
+        const int j = k == 65510                ? 65512
+                      : k > 65510 && k <= 65512 ? k - 1
+                      : k == 65535              ? 65536
+                      : k == 65536              ? 65535
+                                                : k;
+        for (int part = TIME; part <= QUAT; ++part) {
+            const ipe_sample_t s = imu_part((part_t)part, j, k * MS + part * MS / 8);
+            (void)ipe_group_push(&group, &s, &reading);  // when
+        }
+    }
+    TEST_ASSERT_EQUAL_UINT64(100, group.n_complete);  // then
+    TEST_ASSERT_EQUAL_UINT64(0, group.n_lost + group.n_jumps + group.n_incomplete);
+}
+
 static void test_push_counter_that_jumps_is_counted_and_loses_nothing(void)
 {
     check_counter(0, 0, 20000, 0, 1);
@@ -436,6 +454,7 @@ int main(void)
     RUN_TEST(test_push_without_counter_lost_frames_never_mix_samples);
     RUN_TEST(test_push_without_counter_any_spread_never_mixes_samples);
     RUN_TEST(test_push_counter_tells_samples_that_were_lost_whole);
+    RUN_TEST(test_push_reordered_samples_are_not_lost);
     RUN_TEST(test_push_counter_that_jumps_is_counted_and_loses_nothing);
     RUN_TEST(test_push_short_first_interval_does_not_lock_sensor_out);
     RUN_TEST(test_push_lost_samples_do_not_stretch_period);
