@@ -4,11 +4,13 @@
 #include <math.h>
 #include <string.h>
 
-#define STUCK_NS 250000000LL  // unchanged for this long
-#define STUCK_SAMPLES 8       // and so many samples
-#define MOVED 0.2F            // m/s2
-#define RESOLUTION_STEPS 4.0  // of a force signal that the motion must be worth
-#define FORCES_MOVED 0.05F    // of their sum
+#define STUCK_NS 250000000LL     // unchanged for this long
+#define STUCK_SAMPLES 8          // and so many samples
+#define SMOOTHING_S 0.2F         // of the specific force
+#define SETTLED_NS 1000000000LL  // then it is a mean
+#define MOVED 0.2F               // m/s2
+#define RESOLUTION_STEPS 4.0     // of a force signal that the motion must be worth
+#define FORCES_MOVED 0.05F       // of their sum
 
 void ipe_stuck_init(ipe_stuck_t* k, const ipe_config_t* config)
 {
@@ -46,23 +48,28 @@ static bool watch(ipe_stuck_t* k, int channel, int64_t t_ns, const double* value
     }
     if (!is_same || t_ns < c->since_ns) {
         *c = (ipe_stuck_channel_t){.since_ns = t_ns, .n_same = 1};
-        memcpy(c->reference, k->imu, sizeof c->reference);
+        if (k->acc_ns - k->acc_since_ns >= SETTLED_NS) { memcpy(c->reference, k->acc, sizeof c->reference); }
         return false;
     }
     c->n_same += c->n_same < STUCK_SAMPLES;
     return c->has_moved && c->n_same >= STUCK_SAMPLES && t_ns - c->since_ns > STUCK_NS;
 }
 
-/// The IMU is alive: what does its specific force say of the others?
-static void note_motion(ipe_stuck_t* k)
+/// What does the specific force say of the others? A reference is taken when there is something to compare.
+static void note_motion(ipe_stuck_t* k, int64_t t_ns)
 {
+    if (k->acc_ns == 0) { k->acc_since_ns = t_ns; }
+    const float share = k->acc_ns == 0 ? 1.0F : 1e-9F * (float)(t_ns - k->acc_ns) / SMOOTHING_S;
+    for (int i = 0; i < 3; ++i) { k->acc[i] += fminf(fmaxf(share, 0.0F), 1.0F) * (k->imu[i] - k->acc[i]); }
+    k->acc_ns = t_ns;
+    if (t_ns - k->acc_since_ns < SETTLED_NS) { return; }
     for (int i = 0; i < k->n_cables; ++i) {
-        if (size(k->channel[i].reference) == 0.0F) { memcpy(k->channel[i].reference, k->imu, sizeof(float[3])); }
-        k->channel[i].has_moved |= distance(k->imu, k->channel[i].reference) > k->threshold[i];
+        if (size(k->channel[i].reference) == 0.0F) { memcpy(k->channel[i].reference, k->acc, sizeof k->acc); }
+        k->channel[i].has_moved |= distance(k->acc, k->channel[i].reference) > k->threshold[i];
     }
     ipe_stuck_channel_t* position = &k->channel[IPE_STUCK_POSITION];
-    if (size(position->reference) == 0.0F) { memcpy(position->reference, k->imu, sizeof position->reference); }
-    position->has_moved |= fabsf(size(k->imu) - size(position->reference)) > MOVED;
+    if (size(position->reference) == 0.0F) { memcpy(position->reference, k->acc, sizeof k->acc); }
+    position->has_moved |= fabsf(size(k->acc) - size(position->reference)) > MOVED;
 }
 
 static void note_forces(ipe_stuck_t* k)
@@ -83,7 +90,7 @@ bool ipe_stuck_push(ipe_stuck_t* k, ipe_sensor_t sensor, int64_t t_ns, const dou
     case IPE_IMU:
         is_stuck = watch(k, IPE_STUCK_IMU, t_ns, value, k->imu, k->n_imu);
         if (k->channel[IPE_STUCK_IMU].n_same == 1) { memcpy(k->f_reference, k->f, sizeof k->f_reference); }
-        note_motion(k);
+        note_motion(k, t_ns);
         break;
     case IPE_FORCE:
         for (int i = 0; i < k->n_cables; ++i) { is_stuck |= watch(k, i, t_ns, &value[i], &k->f[i], 1); }

@@ -6,7 +6,7 @@
 ///   force      the specific force turned or changed by 0.2 m/s2, or by what 4 steps of the signal's resolution answer to
 ///   position   the specific force's size changed by 0.2 m/s2
 ///   IMU        the forces changed by 5 %, all together
-/// At rest nothing is stuck: there a coarse signal may repeat for long. 0.6 KB of state, one thread.
+/// each as a mean over some 0.2 s, which vibration does not move. At rest nothing is stuck: there a coarse signal may repeat for long. 0.6 KB of state, one thread.
 #ifndef IPE_STUCK_H
 #define IPE_STUCK_H
 
@@ -27,6 +27,8 @@ typedef struct {
     int n_cables, n_imu;
     float threshold[IPE_CABLES_MAX];    ///< m/s2
     float f[IPE_CABLES_MAX], imu[10], position[3];
+    float acc[3];                       ///< specific force, smoothed
+    int64_t acc_ns, acc_since_ns;       ///< its last sample and its first
     float f_reference[IPE_CABLES_MAX];  ///< forces when the IMU last changed, N; 0: not seen yet
     ipe_stuck_channel_t channel[IPE_STUCK_CHANNELS];
 

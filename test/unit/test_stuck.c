@@ -75,6 +75,19 @@ static void test_push_all_at_rest_without_noise_is_not_stuck(void)
     assert_refused(0, 0, IPE_SENSOR_COUNT);
 }
 
+static void test_push_vibration_at_rest_does_not_make_coarse_signals_stuck(void)
+{
+    for (int k = 0; k < 3000; ++k) {  // given: 100 Hz, 0.1 m/s2 of noise, one sigma, positions and forces that repeat
+        double imu[10], f[IPE_CABLES_MAX] = {400.0, 400.0, 400.0, 400.0, 400.0, 400.0, 400.0, 400.0};
+        const double position[3] = {1.0, 2.0, 3.0};
+        for (int i = 0; i < 10; ++i) { imu[i] = (i == 2 ? 9.81 : 0.0) + 0.1 * normal(&seed); }
+        (void)ipe_stuck_push(&stuck, IPE_IMU, k * 10 * MS, imu);  // when
+        (void)ipe_stuck_push(&stuck, IPE_FORCE, k * 10 * MS, f);
+        (void)ipe_stuck_push(&stuck, IPE_POSITION, k * 10 * MS, position);
+    }
+    assert_refused(0, 0, IPE_SENSOR_COUNT);  // then
+}
+
 static void test_push_one_stuck_force_is_refused_until_it_moves_again(void)
 {
     feed((still_t){.force_3 = true, .is_noisy = true}, 1.0);  // given: 300 samples, when
@@ -109,6 +122,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_push_moving_sensors_are_not_stuck);
     RUN_TEST(test_push_all_at_rest_without_noise_is_not_stuck);
+    RUN_TEST(test_push_vibration_at_rest_does_not_make_coarse_signals_stuck);
     RUN_TEST(test_push_one_stuck_force_is_refused_until_it_moves_again);
     RUN_TEST(test_push_stuck_position_is_refused);
     RUN_TEST(test_push_stuck_imu_is_refused);
