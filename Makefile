@@ -163,6 +163,8 @@ bench: .venv/test.stamp build $(BENCH)
 	$(Q)$(PY) test/bench/simulate.py
 	$(Q)$(PY) test/bench/excite.py
 	$(Q)$(PY) test/bench/report.py
+	$(Q)tools/vcan $(PY) test/bench/pacing.py
+	$(Q)$(PY) test/bench/record.py
 
 ## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; table and pictures in build/accept/ (T="T6 T8")
 accept: .venv/test.stamp .venv/accept.stamp build accept-programs second-target

@@ -236,7 +236,7 @@ def test_device_time_goes_on_over_its_counters_end():
     assert np.diff(stamps) == pytest.approx(1e7, abs=1e3)
 
 
-@pytest.mark.parametrize("rate", [1000.0, 0.001, 0.5])
+@pytest.mark.parametrize("rate", [1000.0, 0.001, 60.0])
 def test_device_time_of_another_unit_is_refused_with_a_hint(rate):
     samples = [Sample((1.0, 1.0, 1.0), rate * 0.01 * k) for k in range(300)]
     with pytest.raises(InputError, match=rf"passes {rate:g} times as fast .*is --time-unit right\?"):

@@ -46,7 +46,8 @@ JUDGE_AFTER: Final = 20
 """samples, all of them out of range, after which the recording is refused"""
 RATE_AFTER: Final = 2.0
 """s of host time after which device time must have run as fast"""
-RATE_TOLERANCE: Final = 0.1
+RATE_FACTOR: Final = 10.0
+"""within which it must: units lie further apart, and a recorder that lags for lack of computing time may not look so"""
 STEP_BACK: Final = 1.0
 """s of device time: more is a restart of the instrument, less a late duplicate"""
 
@@ -279,9 +280,9 @@ class Tracker:
         if passed < RATE_AFTER:
             return
         rate = (t_device - self._began[0]) / passed
-        if abs(rate - 1.0) > RATE_TOLERANCE:
+        if not 1.0 / RATE_FACTOR < rate < RATE_FACTOR:
             raise InputError(
-                f"device time passes {rate:.4g} times as fast as the host's: allowed: within {RATE_TOLERANCE:.0%}; "
+                f"device time passes {rate:.4g} times as fast as the host's: allowed: about as fast; "
                 "is --time-unit right? --no-device-time leaves it out"
             )
         self._is_judged = True
