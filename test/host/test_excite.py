@@ -6,10 +6,11 @@ import subprocess
 
 import numpy as np
 import pytest
-from conftest import COGIRO, TOP, minimal_toml
+from conftest import COGIRO, CORNERS, MINIMAL, TOP, minimal_toml
 from scipy.spatial.transform import Rotation
 
-from inertiad import estimate, excite, information, trajectory
+import inertiad_core
+from inertiad import dynamics, estimate, excite, information, plan_file, runs, sensors, simulate, trajectory
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.excite import Asked
@@ -101,8 +102,26 @@ def test_motion_keeps_every_limit_and_rests_at_both_ends(request_, best):
         assert np.abs(values).max() < 1e-9
 
 
-def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(best, tmp_path):
-    excite.write_csv(tmp_path / "x.csv", best)
+def test_motion_driven_on_elastic_cables_keeps_the_tensions(best):
+    moved = best.driven
+    assert moved.duration == best.path.duration
+    assert moved.n_infeasible == 0
+    assert moved.f.min() >= 100.0
+    assert moved.f.max() <= 5000.0
+    assert moved.strays < 2e-3
+
+
+def test_motion_that_breaks_a_tension_when_driven_is_refused(request_):
+    checker = request_.checker
+    robot = checker.model.robot
+    tight = robot.model_copy(update={"cable": [c.model_copy(update={"tension_max": 1330.0}) for c in robot.cable]})
+    model = Model(tight, str(ROBOT), robot.nominal)
+    with pytest.raises(InputError, match=r"paper: driven by a controller on elastic cables: cable \d = \d+ N at t = "):
+        excite.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
+
+
+def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best, tmp_path):
+    plan_file.write_csv(tmp_path / "x.csv", request_, best)
     data = np.genfromtxt(tmp_path / "x.csv", delimiter=",", names=True)
     back = trajectory.read(tmp_path / "x.csv").at(data["t"])
     assert np.abs(back.p - np.column_stack([data["x"], data["y"], data["z"]])).max() < 1e-6
@@ -113,7 +132,7 @@ def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(best, tmp_path
 
 
 def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_path):
-    excite.write_csv(tmp_path / "x.csv", best)
+    plan_file.write_csv(tmp_path / "x.csv", request_, best)
     reported = []
     for seed in range(3):
         run = tmp_path / f"run{seed}"
@@ -167,6 +186,12 @@ def test_wanted_sigma_in_units(request_):
         (Asked(sigma="mass=3"), "allowed: mass=0.2% or kg"),
         (Asked(criterion="E"), "allowed: A, D"),
         (Asked(motion="circle"), "allowed: optimal, paper"),
+        (Asked(motion="optimum"), "allowed: optimal, paper; did you mean optimal?"),
+        (
+            Asked(start="0.3,0.3,2,0,0,0", box="1,1,1,2,2,2"),
+            "start pose: no rest within the limits: least x of the box",
+        ),
+        (Asked(acceleration=1e-4, motion="paper"), "keeps the limits of speed and acceleration"),
         (Asked(motion="paper", end="6,5,5,0,0,0"), "pose 2: no rest within the limits"),
     ],
 )
@@ -190,11 +215,51 @@ BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0
 
 @pytest.mark.parametrize(
     ("extra", "message"),
-    [(BODY, "4 cables leave 2 of 6 degrees of freedom free"), ("", r"no \[nominal\] body")],
+    [
+        (BODY, "4 cables leave 2 of 6 degrees of freedom free, .*: allowed: excite --poses N"),
+        ("", r"no \[nominal\] body"),
+    ],
 )
 def test_four_cables_or_no_body(robot_file, extra, message):
     with pytest.raises(InputError, match=message):
         excite.plan(robot_file(minimal_toml(4, extra)), Asked(), 1, 0, lambda step: None)
+
+
+FOUR = MINIMAL + "".join(
+    f"[[cable]]\nanchor = [{x}, {y}, 3]\nattachment = [{0.15 * x}, {0.05 * y}, 0]\n" for x, y in CORNERS
+)
+FOUR += BODY.replace("cog = [0, 0, 0]", "cog = [0.03, -0.02, -0.1]")
+"""Four cables that do not all point to one place, so that a millimetre leaves none of them slack."""
+
+
+def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
+    file = robot_file(FOUR)
+    request, plan = excite.plan(file, Asked(poses=3, hold=1.5), 1, 0, lambda step: None)
+    assert plan.remarks[0].startswith("4 cables leave 2 of 6 degrees of freedom free")
+    assert np.abs(plan.driven.motion.omega).max() > 0.05
+    assert plan.driven.f.min() >= 1.0
+    assert np.all(plan.sigma[:4] < 0.5 * request.checker.model.prior_sigma()[:4])
+    plan_file.write_csv(tmp_path / "p.csv", request, plan)
+    assert (tmp_path / "p.csv").open().readline().strip().endswith("l_1,l_2,l_3,l_4")
+
+    robot, modern = description.load(file), sensors.PRESETS["modern"]
+    path, plant = trajectory.read(tmp_path / "p.csv"), dynamics.plant("elastic", robot)
+    reported = []
+    for seed in range(3):
+        run = simulate.Run(file, robot, robot.nominal, path, "p", modern, "modern", 200.0, seed, plant)
+        simulate.simulate(run, tmp_path / "run", lambda step: None)
+        config = runs.config_of(description.load(tmp_path / "run/robot.toml"), "run")
+        log, positions = tmp_path / "run/can.log", tmp_path / "run/tracker.csv"
+        found = inertiad_core.read_run(config, [str(log)], [""], str(positions)).estimate
+        reported.append([found["mass_std"], *found["cog_std"]])
+    ratio = np.median(reported, axis=0) / plan.sigma[:4]
+    assert np.all((ratio > 1 / 1.5) & (ratio < 1.5)), ratio
+
+
+def test_four_cables_that_hang_nowhere_in_the_box(robot_file):
+    asked = Asked(poses=3, box="-0.1,-0.1,2.95,0.1,0.1,2.99")
+    with pytest.raises(InputError, match="4 cables: nowhere in the box does the platform hang at rest"):
+        excite.plan(robot_file(FOUR), asked, 1, 0, lambda step: None)
 
 
 def test_command_writes_plan_prediction_and_picture(inertiactl, tmp_path):
@@ -205,3 +270,5 @@ def test_command_writes_plan_prediction_and_picture(inertiactl, tmp_path):
     found = json.loads((tmp_path / "p.json").read_text())
     assert found["predicted"]["mass"]["std"] > 0.0
     assert (tmp_path / "p.png").stat().st_size > 10_000
+    assert found["driven"]["tension_N"]["min"] >= 100.0
+    assert "driven by a controller on elastic cables" in result.stderr

@@ -119,6 +119,13 @@ def test_tensions_out_of_reach_name_time_cable_and_value(cogiro):
         simulator.tensions(mechanics(cogiro), np.zeros(1), high.at(np.zeros(1)))
 
 
+def test_anchors_below_the_platform_are_named_as_such(cogiro):
+    cables = [c.model_copy(update={"anchor": [*c.anchor[:2], 0.5 + 0.1 * i]}) for i, c in enumerate(cogiro.cable)]
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 0.1)
+    with pytest.raises(InputError, match="every anchor is below the platform, cables only pull"):
+        simulator.tensions(mechanics(cogiro.model_copy(update={"cable": cables})), np.zeros(1), still.at(np.zeros(1)))
+
+
 def test_too_few_cables_say_what_is_missing(cogiro):
     robot = cogiro.model_copy(update={"cable": cogiro.cable[:4]})
     still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.3, 0.0, 0.0]), 0.1)
@@ -401,6 +408,8 @@ def test_presets_run(cogiro, tmp_path, name):
         ("rate = 0", "rate = 0: allowed: 1 to 100000 Hz"),
         ("bus_timing = 1", "bus_timing = 1: allowed: true or false"),
         ("frame_loss = 2", "frame_loss = 2: allowed: 0 to 1"),
+        ("release_jitter = 1e-3", "release_jitter with bus_timing = true"),
+        ("cable_swing_low_hz = 9", "cable_swing_low_hz up to cable_swing_high_hz"),
         ('stuck = "imus"', 'stuck = "imus": allowed: imu, force, pos, tracker, bus, or a quantity such as f_3; did'),
     ],
 )

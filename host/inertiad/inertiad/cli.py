@@ -187,17 +187,18 @@ def excite(
     The file holds t, pose, velocities and accelerations; simulate --trajectory reads it.
     """
     from inertiad import excite as planner
+    from inertiad import plan_file
 
     asked = planner.Asked(
         motion, duration, sigma, poses, hold, start, end, criterion, box, tilt, yaw, speed, acceleration
     )
     with _progress() as progress:
         request, plan = planner.plan(robot, asked, starts, seed, progress)
-        planner.write_csv(output, plan)
-        planner.write_json(output.with_suffix(".json"), request, plan)
+        plan_file.write_csv(output, request, plan)
+        plan_file.write_json(output.with_suffix(".json"), request, plan)
         if picture is not None:
-            planner.draw(picture, request, plan)
-    for line in planner.spoken(plan):
+            plan_file.draw(picture, request, plan)
+    for line in plan_file.spoken(plan):
         _say(line)
 
 

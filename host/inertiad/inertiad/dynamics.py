@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 import inertiad_core
 from inertiad import compile
 from inertiad.error import InputError
-from inertiad.mechanics import Mechanics, even_pull, required_wrench
+from inertiad.mechanics import Mechanics, below_hint, even_pull, required_wrench
 from inertiad.payload import Payload
 from inertiad.robot import Range, Robot, Strict, nearest, read_toml, validate
 from inertiad.table import Array
@@ -171,7 +171,7 @@ def hang(mechanics: Mechanics, lengths: Array, guess: Motion, stiffness: float) 
         raise InputError(f"trajectory: start: {error}") from None
     size = mechanics.body.mass * robot.gravity
     if np.abs(residual(found.x)).max() > 1e-6 * size or found.x[6:].min() <= 0.0:
-        raise InputError(f"trajectory: start: {robot.n_cables} cables of these lengths hold no platform at rest")
+        raise InputError(f"trajectory: start: {robot.n_cables} cables of these lengths do not all hold it at rest")
     return _motion_at_rest(found.x[:6]), np.asarray(found.x[6:])
 
 
@@ -180,7 +180,7 @@ def _control_instants(trajectory: Trajectory, step: float, per_control: int) -> 
     return period * np.arange(np.ceil(trajectory.duration / period - 1e-9) + 1.0)
 
 
-def _lengths(believed: Mechanics, motion: Motion, plant: Plant) -> Array:
+def lengths_at_rest(believed: Mechanics, motion: Motion, plant: Plant) -> Array:
     """Unstrained lengths [K, m] that the poses of a motion would have at rest."""
     robot = believed.robot
     still = np.zeros_like(motion.p)
@@ -218,7 +218,7 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
     wanted = trajectory.at(t)
     lengths, first = np.zeros((0, n_cables)), wanted
     if holds_length:
-        lengths = _lengths(believed, wanted, plant)
+        lengths = lengths_at_rest(believed, wanted, plant)
         rest, _ = hang(mechanics, lengths[0], trajectory.at(np.zeros(1)), plant.stiffness)
         first = Motion(*(np.concatenate([getattr(rest, n), getattr(wanted, n)[1:]]) for n in Motion.__annotations__))
     tilt = mechanics.swing * np.sin(mechanics.drawn.swing_phase.T) if mechanics.swing > 0.0 else np.zeros((2, n_cables))
@@ -247,7 +247,7 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
         holds_length=holds_length,
     )
     if found["stopped"]:
-        raise InputError(f"trajectory: {found['stopped']}")
+        raise InputError(f"trajectory: {found['stopped']}{below_hint(mechanics.robot, float(first.p[0, 2]))}")
     motion = Motion(*(found[name] for name in Motion.__annotations__))
     at = found["first_infeasible"]
     strays = np.linalg.norm(motion.p[::per_control] - wanted.p, axis=1).max()

@@ -12,27 +12,27 @@ Static poses: the same with q free at every pose and no derivatives.
 """
 
 import itertools
-import json
 import multiprocessing
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 
-from inertiad import information, trajectory
+from inertiad import dynamics, information, trajectory, underactuated
 from inertiad import robot as description
+from inertiad.dynamics import Moved
 from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS
 from inertiad.information import Model
 from inertiad.limits import Checker, Limits, check_pose
 from inertiad.table import Array
-from inertiad.trajectory import DERIVATIVE_NAMES, POSE_NAMES, Motion, Moves, Trajectory, motion_of
+from inertiad.trajectory import Motion, Moves, Trajectory, motion_of
 
 Criterion = Literal["A", "D"]
 Progress = Callable[[str], None]
@@ -266,20 +266,23 @@ class Plan:
     """[10] mass, CoG, inertia"""
     covariance: Array
     """[10, 10]"""
+    driven: Moved
+    """what becomes of it on elastic cables, under a controller where there are cables enough for one"""
+    tension: tuple[float, float]
+    """N, least and greatest on the path itself"""
     binding: list[str] = field(default_factory=list)
     """limits that the motion touches, and where"""
-    tension: tuple[float, float] = (0.0, 0.0)
-    """N, least and greatest"""
+    remarks: list[str] = field(default_factory=list)
 
 
-def _sampled(path: Trajectory, rate: float) -> tuple[Array, Motion]:
+def sampled(path: Trajectory, rate: float) -> tuple[Array, Motion]:
     t = information.sample_times(path, rate)
     return t, path.at(t)
 
 
 def _checked(checker: Checker, path: Trajectory) -> tuple[Array, Array, list[str]]:
     """(tensions [N, m], g [N, limits], limits touched) at FINE_RATE."""
-    t, motion = _sampled(path, FINE_RATE)
+    t, motion = sampled(path, FINE_RATE)
     rpy = trajectory.Rotation.from_matrix(motion.R).as_euler("ZYX")[:, ::-1]
     q = np.hstack([motion.p, rpy])
     f = checker.tensions(motion)
@@ -301,6 +304,16 @@ def _excess_of(checker: Checker, q: Array, motion: Motion, f: Array) -> Array:
     return g
 
 
+def driven(checker: Checker, path: Trajectory, method: str) -> Moved:
+    """The path under a controller on elastic cables. InputError, with cable and time: a tension breaks a limit."""
+    mechanics, plant = checker.mechanics, underactuated.elastic(checker)
+    moved = dynamics.move(mechanics, mechanics, path, plant, information.REHEARSAL_RATE)
+    _, *broken = dynamics.spoken(moved, checker.model.robot)
+    if broken:
+        raise InputError(f"{method}: driven by a controller on elastic cables: {'; '.join(broken)}")
+    return moved
+
+
 def predicted(checker: Checker, path: Trajectory, method: str) -> Plan:
     """What a run of the path will report. InputError, with the limit and the place, if it breaks one."""
     f, g, binding = _checked(checker, path)
@@ -309,10 +322,10 @@ def predicted(checker: Checker, path: Trajectory, method: str) -> Plan:
         raise InputError(
             f"{method}: {checker.names[int(c)]} exceeded at t = {k / FINE_RATE:.2f} s by {100 * g[k, c]:.0f} %"
         )
-    _, motion = _sampled(path, information.REHEARSAL_RATE)
+    _, motion = sampled(path, information.REHEARSAL_RATE)
     covariance = checker.model.rehearse(motion, checker.tensions(motion), information.REHEARSAL_RATE)
-    sigma = np.sqrt(np.diag(covariance))
-    return Plan(path, method, sigma, covariance, binding, (float(f.min()), float(f.max())))
+    sigma, moved = np.sqrt(np.diag(covariance)), driven(checker, path, method)
+    return Plan(path, method, sigma, covariance, moved, (float(f.min()), float(f.max())), binding)
 
 
 @dataclass(frozen=True)
@@ -372,7 +385,7 @@ GROUPS = (
 def _out_of_reach(model: Model, plan: Plan, wanted: Array) -> str:
     """In words: which sigma stays too large, and what keeps it there."""
     worst = int(np.argmax(plan.sigma / wanted))
-    _, motion = _sampled(plan.path, information.REHEARSAL_RATE)
+    _, motion = sampled(plan.path, information.REHEARSAL_RATE)
     f = Checker(model, None).tensions(motion)  # type: ignore[arg-type]  # no limits needed for tensions
     data = model.windows(motion, f, information.REHEARSAL_RATE)
     m, base = model.robot.n_cables, model.information(data)
@@ -393,7 +406,7 @@ def move_time(checker: Checker, start: Array, end: Array) -> float:
     """s of the fastest rest-to-rest move between poses [6] within speed and acceleration, at least 1 s."""
     for seconds in np.arange(1.0, 60.0, 0.25):
         path = Moves(np.array([start, end]), [float(seconds)], 0.0)
-        _, motion = _sampled(path, FINE_RATE)
+        _, motion = sampled(path, FINE_RATE)
         if max(g.max() for g in checker._moving(motion)) <= -0.05 and _turns_gently(motion):
             return float(seconds)
     raise InputError("no move between the poses within 60 s keeps the limits of speed and acceleration")
@@ -411,8 +424,29 @@ def moves(request: Request, poses: Array, hold: float, method: str) -> Plan:
     return predicted(request.checker, Moves(poses, times, hold), method)
 
 
+def _hanging_poses(request: Request, n_poses: int, hold: float, progress: Progress) -> Plan:
+    """The same for a platform that only hangs, whose swings tell something, too."""
+    checker, model = request.checker, request.checker.model
+    progress("look for places to hang")
+    scale = goal_of(model, request.criterion, static=True).scale
+    dice = np.random.default_rng([request.seed, 4])
+    path, moved = underactuated.rests(checker, n_poses, hold, scale, lambda a, b: move_time(checker, a, b), dice)
+    motion, f = underactuated.sampled(moved)
+    covariance = model.rehearse(motion, f, information.REHEARSAL_RATE)
+    sigma = np.sqrt(np.diag(covariance))
+    n_free = 6 - model.robot.n_cables
+    remarks = [f"{model.robot.n_cables} cables leave {n_free} of 6 degrees of freedom free: lengths are planned"]
+    untold = [name for name, s, prior in zip(NAMES, sigma, model.prior_sigma(), strict=True) if s > 0.5 * prior]
+    if untold:
+        remarks.append(f"hardly told better than before: {', '.join(untold)}")
+    method = f"{n_poses} poses"
+    return Plan(path, method, sigma, covariance, moved, (float(f.min()), float(f.max())), [], remarks)
+
+
 def static_poses(request: Request, n_poses: int, hold: float, progress: Progress) -> Plan:
     """The N poses at rest that tell mass, CoG and force offsets best, in an order of short ways."""
+    if request.checker.model.robot.n_cables < 6:
+        return _hanging_poses(request, n_poses, hold, progress)
     check_pose(request.checker, request.start, "start pose")
     model = request.checker.model
     goal = goal_of(model, request.criterion, static=True)
@@ -425,92 +459,6 @@ def static_poses(request: Request, n_poses: int, hold: float, progress: Progress
         here = left.pop(nearest)
         order.append(here)
     return moves(request, np.array(order), hold, f"{n_poses} poses")
-
-
-# ---- files -----------------------------------------------------------------------------------------------------------
-
-
-def write_csv(path: Path, plan: Plan, rate: float = information.REHEARSAL_RATE) -> None:
-    """t, pose and derivatives; see trajectory.DERIVATIVE_NAMES."""
-    t, motion = _sampled(plan.path, rate)
-    rpy = np.unwrap(trajectory.Rotation.from_matrix(motion.R).as_euler("ZYX")[:, ::-1], axis=0)
-    data = np.column_stack([t, motion.p, rpy, motion.v, motion.a, motion.omega, motion.alpha])
-    header = ",".join(("t", *POSE_NAMES, *DERIVATIVE_NAMES))
-    np.savetxt(path, data, delimiter=",", header=header, comments="", fmt="%.9g")
-
-
-def summary(request: Request, plan: Plan) -> dict[str, Any]:
-    """Contents of the plan's JSON file; sigma as in estimate.json."""
-    body, sigma, limits = request.checker.model.body, plan.sigma.tolist(), request.checker.limits
-    keys = {"mass": sigma[0], "cog": sigma[1:4], "inertia_cog": sigma[4:]}
-    values = {"mass": body.mass, "cog": body.cog, "inertia_cog": body.inertia_cog}
-    return {
-        "method": plan.method,
-        "criterion": request.criterion,
-        "seed": request.seed,
-        "duration_s": plan.path.duration,
-        "predicted": {key: {"value": values[key], "std": keys[key]} for key in keys},
-        "covariance": plan.covariance.tolist(),
-        "tension_N": {"min": plan.tension[0], "max": plan.tension[1]},
-        "limits": {
-            "box_m": [*limits.low.tolist(), *limits.high.tolist()],
-            "tilt_deg": float(np.rad2deg(limits.tilt)),
-            "yaw_deg": float(np.rad2deg(limits.yaw)),
-            "speed": limits.speed,
-            "acceleration": limits.acceleration,
-            "clearance": limits.clearance,
-        },
-        "binding": plan.binding,
-    }
-
-
-def write_json(path: Path, request: Request, plan: Plan) -> None:
-    path.write_text(json.dumps(summary(request, plan), indent=1) + "\n")
-
-
-def draw(path: Path, request: Request, plan: Plan) -> None:
-    """A PNG of the path, the coordinates, tensions against their limits and predicted sigma ellipses."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    t, motion = _sampled(plan.path, FINE_RATE)
-    rpy = np.rad2deg(trajectory.Rotation.from_matrix(motion.R).as_euler("ZYX")[:, ::-1])
-    figure, axes = plt.subplots(2, 3, figsize=(15, 8), layout="constrained")
-    axes[0, 0].plot(motion.p[:, 0], motion.p[:, 1], lw=1)
-    axes[0, 0].set(xlabel="x [m]", ylabel="y [m]", title="path of P from above", aspect="equal")
-    axes[0, 1].plot(t, motion.p, label=POSE_NAMES[:3], lw=1)
-    axes[0, 1].set(xlabel="t [s]", ylabel="m", title="position")
-    axes[0, 2].plot(t, rpy, label=POSE_NAMES[3:], lw=1)
-    axes[0, 2].set(xlabel="t [s]", ylabel="deg", title="attitude")
-    f = request.checker.tensions(motion)
-    axes[1, 0].plot(t, f, lw=1, label=[f"cable {i + 1}" for i in range(f.shape[1])])
-    low = max(c.tension_min for c in request.checker.model.robot.cable)
-    high = min(c.tension_max for c in request.checker.model.robot.cable)
-    axes[1, 0].axhline(low, color="red", lw=1, ls="--")
-    axes[1, 0].axhline(high, color="red", lw=1, ls="--")
-    axes[1, 0].set(
-        xlabel="t [s]", ylabel="N", title="tensions, limits dashed", ylim=(0.0, min(1.1 * high, 2 * f.max()))
-    )
-    _ellipses(axes[1, 1], plan.covariance, ((1, 2, "x, y"), (1, 3, "x, z"), (2, 3, "y, z")), 1e3)
-    axes[1, 1].set(xlabel="mm", ylabel="mm", title="centre of gravity: one sigma", aspect="equal")
-    _ellipses(axes[1, 2], plan.covariance, ((4, 5, "xx, yy"), (4, 6, "xx, zz"), (5, 6, "yy, zz")), 1.0)
-    axes[1, 2].set(xlabel="kg m2", ylabel="kg m2", title="inertia about it: one sigma", aspect="equal")
-    for axis in axes.flat[1:]:
-        axis.legend(fontsize=8, ncols=2)
-        axis.grid(alpha=0.3)
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
-
-
-def _ellipses(axis: Any, covariance: Array, pairs: tuple[tuple[int, int, str], ...], scale: float) -> None:
-    """One-sigma ellipses of pairs (i, j, label) of the covariance, times scale."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 100)
-    for i, j, label in pairs:
-        L = np.linalg.cholesky(covariance[np.ix_([i, j], [i, j])])
-        x, y = scale * L @ np.array([np.cos(angle), np.sin(angle)])
-        axis.plot(x, y, lw=1, label=label)
 
 
 # ---- what the command line says --------------------------------------------------------------------------------------
@@ -579,15 +527,7 @@ def limits_from(model: Model, box: str | None, tilt: float, yaw: float, speed: f
     )
 
 
-def spoken(plan: Plan) -> list[str]:
-    """The plan in a few lines."""
-    units = {"kg": (1.0, "kg"), "m": (1e3, "mm"), "kg m2": (1.0, "kg m2")}
-    sigma = [f"{n} {s * units[u][0]:.2g} {units[u][1]}" for n, s, u in zip(NAMES, plan.sigma, UNITS, strict=True)]
-    return [
-        f"{plan.method}: {plan.path.duration:.1f} s, tensions {plan.tension[0]:.0f} to {plan.tension[1]:.0f} N",
-        f"predicted sigma: {', '.join(sigma)}",
-        f"limits it touches: {', '.join(plan.binding) or 'none'}",
-    ]
+MOTIONS = ("optimal", "paper")
 
 
 @dataclass(frozen=True)
@@ -610,6 +550,9 @@ class Asked:
 
 
 def _request(robot_file: Path, asked: Asked, n_starts: int, seed: int) -> Request:
+    if asked.motion not in MOTIONS:
+        hint = description.nearest(asked.motion, MOTIONS)
+        raise InputError(f'--motion "{asked.motion}": allowed: {", ".join(MOTIONS)}{hint}')
     robot = description.load(robot_file)
     if robot.nominal is None:
         raise InputError(f"{robot_file}: no [nominal] body: excite needs one to plan tensions with")
@@ -636,8 +579,6 @@ def _paper(request: Request, asked: Asked) -> Plan:
 def plan(robot_file: Path, asked: Asked, n_starts: int, seed: int, progress: Progress) -> tuple[Request, Plan]:
     """What the command line asks for. InputError: it cannot be had, and which limit is in the way."""
     request = _request(robot_file, asked, n_starts, seed)
-    if asked.motion not in ("optimal", "paper"):
-        raise InputError(f'--motion "{asked.motion}": allowed: optimal, paper')
     if asked.poses:
         return request, static_poses(request, asked.poses, asked.hold, progress)
     if asked.motion == "paper":

@@ -202,13 +202,12 @@ def check_pose(checker: Checker, pose: Array, name: str) -> None:
     if robot.n_cables < 6:
         raise InputError(
             f"{checker.model.source}: {robot.n_cables} cables leave {6 - robot.n_cables} of 6 degrees of freedom free, "
-            "no motion can be commanded along them: allowed: 6 cables or more; let it swing, record, and fit the record"
+            "no motion can be commanded along them: allowed: excite --poses N, rests to swing between"
         )
     try:
         excess, where = checker.worst(np.zeros(1), pose[None], still, still)
     except (ValueError, InputError) as error:
         raise InputError(f"{name}: {str(error).removeprefix('trajectory: ')}") from None
     if excess > 1e-6:
-        below = max(c.anchor[2] for c in robot.cable) < pose[2]
-        hint = "; every anchor is below the platform, cables only pull" if below else ""
+        hint = mechanics.below_hint(robot, float(pose[2]))
         raise InputError(f"{name}: no rest within the limits: {where.replace('t = 0.00 s, ', '')}{hint}")

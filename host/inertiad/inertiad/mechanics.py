@@ -139,15 +139,21 @@ def tensions(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
     for k in np.flatnonzero(((f < low) | (f > high)).any(axis=1)):
         found = _within_limits(W[k], f[k], low, high)
         if found is None:
-            raise InputError(_slack_message(robot, float(t[k]), f[k], low, high))
+            raise InputError(_slack_message(robot, float(t[k]), motion.p[k], f[k], low, high))
         f[k] = found
     return f
 
 
-def _slack_message(robot: Robot, t: float, f: Array, low: Array, high: Array) -> str:
+def below_hint(robot: Robot, height: float) -> str:
+    """ "; every anchor is below ...", where P at a height [m] hangs from nothing, else nothing."""
+    is_below = max(cable.anchor[2] for cable in robot.cable) < height
+    return "; every anchor is below the platform, cables only pull" if is_below else ""
+
+
+def _slack_message(robot: Robot, t: float, p: Array, f: Array, low: Array, high: Array) -> str:
     worst = int(np.argmax(np.maximum(low - f, f - high)))
-    cable = robot.cable[worst]
+    cable, hint = robot.cable[worst], below_hint(robot, float(p[2]))
     return (
         f"trajectory: t = {t:.3f} s: no tensions within the limits hold the platform: "
-        f"cable {worst + 1} = {f[worst]:.4g} N: allowed: {cable.tension_min:g} to {cable.tension_max:g} N"
+        f"cable {worst + 1} = {f[worst]:.4g} N: allowed: {cable.tension_min:g} to {cable.tension_max:g} N{hint}"
     )

@@ -21,6 +21,11 @@ COUNTER: Final = ("imu_counter", "force_counter", "pos_counter")
 TIME: Final = ("imu_time", "force_time", "pos_time")
 
 
+def lengths(n_cables: int) -> tuple[str, ...]:
+    """Names of the cables' unstrained lengths: l_1 .. l_m; not measured, commanded."""
+    return tuple(f"l_{i + 1}" for i in range(n_cables))
+
+
 def forces(n_cables: int) -> tuple[str, ...]:
     """Names of the cable forces: f_1 .. f_m."""
     return tuple(f"f_{i + 1}" for i in range(n_cables))

@@ -9,11 +9,11 @@ are zero, "no fault".
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator
+from pydantic import AfterValidator, model_validator
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -116,6 +116,14 @@ class Faults(Strict):
     """s, jump of the sensors' clock"""
     stamp_step: Annotated[float, AfterValidator(Range(-0.5, 1e3, "s"))] = 0.0
     """s, jump of the host's clock that stamps frames"""
+
+    @model_validator(mode="after")
+    def _agrees(self) -> Self:
+        if self.release_jitter > 0.0 and not self.bus_timing:
+            raise ValueError("release_jitter with bus_timing = true")
+        if self.cable_swing_low_hz > self.cable_swing_high_hz:
+            raise ValueError("cable_swing_low_hz up to cable_swing_high_hz")
+        return self
 
     def is_on(self, t: Array) -> NDArray[np.bool_]:
         """At which times t [N] of the motion a sensor is stuck or silent."""

@@ -197,9 +197,10 @@ def hold(pose: Array, duration: float) -> Moves:
 def read(path: Path) -> Spline:
     """A pose CSV: t [s], x y z [m], and roll pitch yaw [rad] or q_w q_x q_y q_z. InputError: not such a file.
 
-    Columns of derivatives, DERIVATIVE_NAMES, may be there and are not used.
+    Columns of derivatives, DERIVATIVE_NAMES, and of lengths may be there and are not used.
     """
-    allowed = ["t", "x", "y", "z", *quantity.RPY, *quantity.QUATERNION, *DERIVATIVE_NAMES]
+    lengths = quantity.lengths(quantity.CABLES_MAX)
+    allowed = ["t", "x", "y", "z", *quantity.RPY, *quantity.QUATERNION, *DERIVATIVE_NAMES, *lengths]
     poses = table.read(path, allowed)
     have_q = all(name in poses.columns for name in quantity.QUATERNION)
     attitude = quantity.QUATERNION if have_q else quantity.RPY
