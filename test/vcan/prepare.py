@@ -4,12 +4,14 @@
 build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
 build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
 frames late does not spoil the estimate;
-build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again.
+build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again;
+build/vcan/devices: 10 s of real sensors on two buses.
 """
 
 import math
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 TOP = Path(__file__).resolve().parents[2]
@@ -50,7 +52,16 @@ def make_run(name: str, description: str, *options: str) -> None:
     subprocess.run([TOOL, "simulate", robot, *options, "-o", folder / "run"], check=True, capture_output=True)
 
 
+def make_devices_run() -> None:
+    folder = RUNS / "devices"
+    shutil.rmtree(folder, ignore_errors=True)
+    subprocess.run([sys.executable, TOP / "test/host/devices.py", "xsens_gsv4", folder, "50", "10"], check=True)
+    command = [TOOL, "compile", folder / "robot.toml", "-o", folder / "robot.cfg"]
+    subprocess.run(command, check=True, capture_output=True)
+
+
 if __name__ == "__main__":
+    make_devices_run()
     make_run("robot", "robot.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
     make_run("robot_timed", "robot_fd.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
     swing = str(write_swing(RUNS / "swing.csv"))
