@@ -167,7 +167,7 @@ def _losses(facts: Facts) -> Iterator[Finding]:
         if recording is None:
             continue
         lost = recording.n_rejected / max(recording.n_rejected + len(recording.rows), 1)
-        causes = ("missing", "late", "overrun", "bad_geometry")
+        causes = ("missing", "late", "overrun", "bad_geometry", "restarts")  # told by _gaps() or as lost samples
         worst = {k: n for k, n in recording.counters.items() if n and k.rpartition(".")[2] in causes}
         if lost > LOST_MAX:
             cause = max(worst, key=lambda k: worst[k]) if worst else "no overlap of the sensors"
