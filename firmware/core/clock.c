@@ -10,13 +10,14 @@
 #define SETTLED_S 1.0          // before, the line may still lie late because the first stamps were
 #define RATE_TOLERANCE 300e-6  // while the rate is taken as 1
 // A clock was stepped if
-#define STEP_EARLY_S 0.02     // a stamp is this much before the line,
-#define STEP_LATE_S 2.0       // or this much after it;
-#define STEP_BACK_S 0.5       // device time goes back by this much at once,
+#define STEP_EARLY_S 0.02     // a stamp is this much before the line;
+#define STEP_BACK_S 0.5       // or device time goes back by this much at once,
 #define STEP_BACK_IN_A_ROW 4  // or this many samples are older than the newest: more than reordering explains;
 #define STEP_SMALLEST_S 1e-3  // or stamps are off the line by this and three times their scatter,
 #define STEP_IN_A_ROW 16      // this many in a row,
-#define STEP_LATE_FOR_S 2.0   // those after the line for this long: a busy host is late as well, but not always
+#define STEP_LATE_FOR_S 2.0   // those after the line for this long: a busy host is late as well, but not always;
+#define STEP_LATE_S 2.0       // or for this much,
+#define STEP_OVER_S 0.05      // if that does not shrink meanwhile
 
 void ipe_clock_init(ipe_clock_t* c, double wrap, double min_rate_span)
 {
@@ -175,17 +176,20 @@ static bool left_line(ipe_clock_t* c, double x, double y)
         if (c->off_side < 0 && c->n_off < STEP_IN_A_ROW) { learn(c, c->early.device, c->early.host); }
         c->off_side = side;
         c->n_off = 0;
-        c->off_since = x;
+        c->off_device = x, c->off_host = y;
     }
     if (c->n_off++ == 0 || y - x < c->early.host - c->early.device) { c->early.device = x, c->early.host = y; }
-    return side != 0 && c->n_off >= STEP_IN_A_ROW && (is_early || x - c->off_since > STEP_LATE_FOR_S);
+    if (side == 0 || c->n_off < STEP_IN_A_ROW) { return false; }
+    const double device = x - c->off_device, host = y - c->off_host;
+    const bool catches_up = host < 0.5 * device;  // a stalled host stamps what it missed in a burst
+    return is_early || host > STEP_LATE_FOR_S || (late > STEP_LATE_S && device > STEP_OVER_S && !catches_up);
 }
 
 static bool is_stepped(ipe_clock_t* c, double x, double y)
 {
     if (c->n_points == 0) { return false; }
     const double late = y - (c->offset + c->rate * x);
-    return went_back(c, x) || late < -STEP_EARLY_S || late > STEP_LATE_S || left_line(c, x, y);
+    return went_back(c, x) || late < -STEP_EARLY_S || left_line(c, x, y);
 }
 
 int64_t ipe_clock_map(ipe_clock_t* c, double device, int64_t host_ns)

@@ -3,8 +3,8 @@
 ///
 /// Host stamps are late by a varying, never negative delay, so the points (device, host) lie on or above the true line.
 /// The line is the edge of their lower convex hull that spans the middle of the last minute; unlike least squares it is
-/// not biased by the mean delay. Device counters that wrap are unwrapped. A stepped clock restarts the fit: steps ahead and
-/// back over 20 ms at once or within 4 samples, small ones (1 ms and three times the scatter) within 16 samples or 2 s.
+/// not biased by the mean delay. Device counters that wrap are unwrapped. A stepped clock restarts the fit: steps over
+/// 20 ms ahead at once, back within 4 samples, small ones (1 ms and three times the scatter) within 16 samples or 2 s.
 /// Points are thinned to the earliest arrival per block, blocks growing from 1/64 s to 1 s: 1.6 KB per clock, 2 us once
 /// per block, a few ns otherwise. One thread.
 /// Source: Zhang, Liu, Xia, "Clock synchronization algorithms for network measurements", INFOCOM 2002.
@@ -36,7 +36,8 @@ typedef struct {
     int n_back;                 ///< samples in a row older than the newest
     int off_side;               ///< stamps are off the line: -1 before it, 1 after it, 0 they are not;
     int n_off;                  ///< so many in a row,
-    double off_since;           ///< since this device time,
+    double off_device;          ///< since this device time
+    double off_host;            ///< and host time,
     struct {
         double device, host;
     } early;           ///< the earliest of them

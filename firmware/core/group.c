@@ -10,7 +10,7 @@
 #define MEDIAN_STEP 0.02F     // of the period
 #define CLEARLY 1.2F          // times the silence before its frames: which is the first one
 #define REORDERED_MAX 8.0     // samples that one may come late
-#define COUNTER_SLACK_S 2.0   // that counter and host stamps may differ; beyond, the counter jumped
+#define COUNTER_SLACK_S 2.0   // that a counter may be ahead of the host stamps; beyond, it jumped
 
 static void require(ipe_group_t* g, int first, int n)
 {
@@ -151,7 +151,7 @@ static uint64_t count_step(ipe_group_t* g, bool* is_reordered)
         g->n_lost -= g->n_lost > 0;
         return 0;
     }
-    if (step < 0.0 || fabs(step * g->period - seconds(g->completed_ns, g->opened_ns)) > COUNTER_SLACK_S) {
+    if (step < 0.0 || step * g->period - seconds(g->completed_ns, g->opened_ns) > COUNTER_SLACK_S) {
         ++g->n_jumps;
         return 0;
     }

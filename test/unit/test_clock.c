@@ -214,15 +214,28 @@ static void test_map_reordered_samples_are_no_step(void)
     TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
 }
 
-static void test_map_host_that_stalls_is_no_step(void)
+/// Every 20 s the host stands still for so long and then stamps what came in a burst.
+static void check_stall(double seconds, double period)
 {
-    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given: 1 s without a prompt stamp, every 10 s
-    for (int k = 0; k < 100000; ++k) {
-        const double t = 1e-3 * k, stalled = fmod(t, 10.0) > 9.0 ? 10.0 - fmod(t, 10.0) : 0.0;
-        const int64_t mapped = ipe_clock_map(&clock_, t, host_at(t + stalled + jitter()));        // when
-        if (t > 1.0) { TEST_ASSERT_DOUBLE_WITHIN(100e-6, t, 1e-9 * (double)(mapped - HOST_0)); }  // then
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given
+    double newest = 0.0;
+    for (int k = 0; k * period < 100.0; ++k) {
+        const double t = k * period, in_turn = fmod(t, 20.0), end = 12.0 + seconds;
+        const double stalled = in_turn > 12.0 && in_turn < end ? end - in_turn : 0.0;
+        newest = fmax(newest + 50e-6, t + stalled + jitter());
+        const int64_t mapped = ipe_clock_map(&clock_, t, host_at(newest));                        // when
+        if (t > 1.0) { TEST_ASSERT_DOUBLE_WITHIN(300e-6, t, 1e-9 * (double)(mapped - HOST_0)); }  // then
     }
     TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
+}
+
+static void test_map_host_that_stalls_is_no_step(void)
+{
+    static const double seconds[] = {0.1, 1.0, 2.5, 6.0};
+    for (int i = 0; i < 4; ++i) {
+        check_stall(seconds[i], 1e-3);
+        check_stall(seconds[i], 0.02);
+    }
 }
 
 static void test_map_first_stamps_late_are_no_step(void)

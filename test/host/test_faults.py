@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What test/vcan does to frames on a real bus, from files: the same faults, exact stamps, within seconds."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TOP = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(TOP / "test/vcan"))
+import faults  # noqa: E402
+import scenarios  # noqa: E402
+
+OF_FRAMES = [s for s in scenarios.SCENARIOS if not s.actions and not s.options]
+START = 100.0  # s
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("faults")
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> scenarios.Frames:
+    return scenarios.simulate(folder)
+
+
+def line(frame: scenarios.Frame, stamp: float) -> str:
+    if frame.can_id & scenarios.ERROR:
+        text = f"{frame.can_id:08X}#{frame.data.hex().upper()}"
+    elif frame.can_id & scenarios.RTR:
+        text = f"{frame.can_id & 0x7FF:03X}#R"
+    else:
+        text = f"{frame.can_id:03X}{'##1' if frame.is_fd else '#'}{frame.data.hex().upper()}"
+    return f"({stamp:.6f}) can0 {text}\n"
+
+
+@pytest.mark.parametrize("scenario", OF_FRAMES, ids=[s.name for s in OF_FRAMES])
+def test_counters_add_up_and_estimate_holds(scenario: scenarios.Scenario, run: scenarios.Frames, folder: Path):
+    # given: the scenario's frames in the order they are due, stamped up to some ms late
+    frames = sorted(scenario.frames(run), key=lambda f: f.due)
+    late = np.random.default_rng(1).exponential(3e-4, len(frames))
+    stamps = np.maximum.accumulate(START + np.array([f.due for f in frames]) + late)
+    (folder / "can.log").write_text("".join(map(line, frames, stamps.tolist())))
+    # when
+    command = [TOP / "build/bin/inertiad", "--config", folder / scenario.robot / "robot.cfg", "--lcm", "none",
+               "--bus", f"file:{folder}/can.log", "--estimate", folder / "estimate.json"]  # fmt: skip
+    result = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=True)
+    # then: every sample was used or is counted as lost, the fault was noticed, the estimate is near the truth
+    counters = faults.read_summary(result.stderr)
+    used, lost, wrong = faults.account(counters)
+    assert wrong == []
+    assert used + sum(lost.values()) == len(run)
+    assert [name for name in scenario.counted if not counters[name]] == []
+    truth = json.loads((folder / "run/truth.json").read_text())
+    assert faults.sigmas(folder / "estimate.json", truth) < 3.0
