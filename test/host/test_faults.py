@@ -38,22 +38,37 @@ def line(frame: scenarios.Frame, stamp: float) -> str:
     return f"({stamp:.6f}) can0 {text}\n"
 
 
-@pytest.mark.parametrize("scenario", OF_FRAMES, ids=[s.name for s in OF_FRAMES])
-def test_counters_add_up_and_estimate_holds(scenario: scenarios.Scenario, run: scenarios.Frames, folder: Path):
-    # given: the scenario's frames in the order they are due, stamped up to some ms late
-    frames = sorted(scenario.frames(run), key=lambda f: f.due)
+def play(frames: scenarios.Frames, robot: Path) -> dict[str, int]:
+    """Frames in the order they are due, stamped up to some ms late, through the daemon: its counters."""
+    frames = sorted(frames, key=lambda f: f.due)
     late = np.random.default_rng(1).exponential(3e-4, len(frames))
     stamps = np.maximum.accumulate(START + np.array([f.due for f in frames]) + late)
+    folder = robot.parent
     (folder / "can.log").write_text("".join(map(line, frames, stamps.tolist())))
-    # when
-    command = [TOP / "build/bin/inertiad", "--config", folder / scenario.robot / "robot.cfg", "--lcm", "none",
+    command = [TOP / "build/bin/inertiad", "--config", robot / "robot.cfg", "--lcm", "none",
                "--bus", f"file:{folder}/can.log", "--estimate", folder / "estimate.json"]  # fmt: skip
     result = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=True)
-    # then: every sample was used or is counted as lost, the fault was noticed, the estimate is near the truth
-    counters = faults.read_summary(result.stderr)
-    used, lost, wrong = faults.account(counters)
+    return faults.read_summary(result.stderr)
+
+
+@pytest.mark.parametrize("scenario", OF_FRAMES, ids=[s.name for s in OF_FRAMES])
+def test_counters_add_up_and_estimate_holds(scenario: scenarios.Scenario, run: scenarios.Frames, folder: Path):
+    counters = play(scenario.frames(run), folder / scenario.robot)  # when
+    used, lost, wrong = faults.account(counters)  # then: every sample was used or is counted as lost
     assert wrong == []
     assert used + sum(lost.values()) == len(run)
     assert [name for name in scenario.counted if not counters[name]] == []
     truth = json.loads((folder / "run/truth.json").read_text())
     assert faults.sigmas(folder / "estimate.json", truth) < 3.0
+
+
+def test_bursts_after_stalls_without_device_time_change_nothing(run: scenarios.Frames, folder: Path):
+    estimate = []
+    for frames in (run, scenarios.stall(run)):  # given, when
+        counters = play(frames, folder / "untimed")
+        assert counters["align.rows"] >= 1299
+        estimate.append(json.loads((folder / "estimate.json").read_text()))
+    for name in ("mass", "cog", "inertia_cog"):  # then
+        value, other, std = (np.array(e[name][key]) for e, key in ((estimate[0], "value"), (estimate[1], "value"),
+                                                                   (estimate[0], "std")))  # fmt: skip
+        assert np.all(np.abs(value - other) < 0.1 * std)

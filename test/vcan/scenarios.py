@@ -165,11 +165,12 @@ def drift(frames: Frames) -> Frames:
 
 
 def stall(frames: Frames) -> Frames:
-    """Every second the forces are held back for 0.3 s and then sent at once."""
-    return [
-        f.with_(due=float(int(f.due)) + 0.6) if f.can_id == FORCE and is_faulty(f) and 0.3 < f.due % 1.0 < 0.6 else f
-        for f in frames
-    ]
+    """Forces of the first 90 ms of every half second come all at once after it, those of 11.0 to 11.3 s as well."""
+
+    def release(t: float) -> float:
+        return 11.3 if 11.0 < t < 11.3 else max(t, 0.5 * int(t / 0.5) + 0.09)
+
+    return [f.with_(due=release(f.due)) if f.can_id == FORCE and f.due > 3.0 else f for f in frames]
 
 
 SCENARIOS = [
