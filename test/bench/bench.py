@@ -13,6 +13,7 @@ import cantools
 import numpy as np
 import padasip
 from filterpy.kalman import KalmanFilter
+from statsmodels.regression.recursive_ls import RecursiveLS
 
 import inertiad_core as core
 
@@ -73,6 +74,13 @@ def by_filterpy(rows):
     return peer.x
 
 
+def by_statsmodels(rows):
+    """RecursiveLS starts diffuse and wants all rows at once; its filter is the update, row by row."""
+    flat = rows.reshape(-1, 11)
+    model = RecursiveLS(flat[:, 10], flat[:, :10])
+    return model.fit().recursive_coefficients.filtered[:, -1]
+
+
 def update():
     rows, few = whitened_rows(20_000), 300
     file = RUN.parent / "rows.bin"
@@ -89,7 +97,8 @@ def update():
         (f"Eigen {eigen}: P [10x10], row by row", *found["scalar_rows"]),
         (f"Eigen {eigen}: P [10x10], six rows at once", *found["kalman"]),
     ]
-    for name, peer in ((f"filterpy {version('filterpy')}", by_filterpy), (f"padasip {version('padasip')}", by_padasip)):
+    peers = {"filterpy": by_filterpy, "padasip": by_padasip, "statsmodels": by_statsmodels}
+    for name, peer in ((f"{package} {version(package)}", peer) for package, peer in peers.items()):
         seconds = best(3, lambda peer=peer: peer(rows[:few]))
         difference = np.abs(peer(rows[:few]) - reference.x).max() / np.abs(reference.x).max()
         table.append((name, 1e9 * seconds / few, difference))
