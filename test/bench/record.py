@@ -65,11 +65,10 @@ def measure(rate: float, seconds: float, folder: Path) -> bool:
         time.sleep(1.0)
         recorders[name].send_signal(signal.SIGINT)
         summary = recorders[name].communicate()[1]
-        n_sent = int(re.search(r"(\d+) sent", said)[1])
-        counts = re.search(r"(\d+) received, (\d+) published", summary)
-        if counts is None:
-            sys.exit(f"{name} at {rate:g} Hz: {summary}")
-        n_received, n_published = map(int, counts.groups())
+        sent, counts = re.search(r"(\d+) sent", said), re.search(r"(\d+) received, (\d+) published", summary)
+        if sent is None or counts is None:
+            sys.exit(f"{name} at {rate:g} Hz: {said} {summary}")
+        n_sent, n_received, n_published = map(int, (sent[1], *counts.groups()))
         late = re.search(r"late: .*?(\d+) us \(p50\), (\d+) us \(p99\)", summary)
         delay = f"{late[1]:>8} {late[2]:>8}" if late else f"{'-':>8} {'-':>8}"
         good &= n_sent == n_received == n_published

@@ -324,22 +324,24 @@ def emulated(tracker: str | None) -> tuple[Layout | None, str]:
     return EMULATED[form], address
 
 
-def _instrument_items(options: Options, t_ns: Stamps, position: NDArray[np.float64], link: Any) -> Items:
-    """Positions as the instrument would send them; its clock is the log's time."""
-    assert options.instrument is not None
+def _instrument_bytes(
+    layout: Layout, t_ns: Stamps, position: NDArray[np.float64]
+) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Positions as the instrument would send them, and where each begins [N + 1]; its clock is the log's time."""
     pieces = [
-        instrument.encode(options.instrument, Sample((x, y, z), 1e-9 * t), k + 1)
+        instrument.encode(layout, Sample((x, y, z), 1e-9 * t), k + 1)
         for k, (t, (x, y, z)) in enumerate(zip(t_ns.tolist(), position.tolist(), strict=True))
     ]
     begin = np.concatenate([[0], np.cumsum([len(p) for p in pieces])]).astype(np.int64)
-    name = f"{options.instrument.format}={options.instrument_address}"
-    return Items(name, link.fileno(), t_ns, np.frombuffer(b"".join(pieces), dtype=np.uint8).copy(), begin)
+    return np.frombuffer(b"".join(pieces), dtype=np.uint8).copy(), begin
 
 
 def _tracker_items(options: Options, t_ns: Stamps, position: NDArray[np.float64], stack: contextlib.ExitStack) -> Items:
     if options.instrument is not None:
-        link = stack.enter_context(_open_instrument(options.instrument_address))
-        return _instrument_items(options, t_ns, position, link)
+        data, begin = _instrument_bytes(options.instrument, t_ns, position)
+        link = stack.enter_context(_open_instrument(options.instrument_address))  # last: a silent peer is taken to hang
+        name = f"{options.instrument.format}={options.instrument_address}"
+        return Items(name, link.fileno(), t_ns, data, begin)
     network = stack.enter_context(lcm_socket(options.url))
     return _pieces(options.channel, network.fileno(), t_ns, tracker_packets(options.channel, t_ns, position))
 
