@@ -66,7 +66,7 @@ def test_bursts_after_stalls_without_device_time_change_nothing(run: scenarios.F
     estimate = []
     for frames in (run, scenarios.stall(run)):  # given, when
         counters = play(frames, folder / "untimed")
-        assert counters["align.rows"] >= 1299
+        assert counters["align.rows"] > len(run) / 3 - 3  # three messages a row, less the ends
         estimate.append(json.loads((folder / "estimate.json").read_text()))
     for name in ("mass", "cog", "inertia_cog"):  # then
         value, other, std = (np.array(e[name][key]) for e, key in ((estimate[0], "value"), (estimate[1], "value"),

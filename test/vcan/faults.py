@@ -78,9 +78,7 @@ class Patient:
     def send(self, frame: bytes) -> None:
         try:
             if self.socket is None:
-                self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-                self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
-                self.socket.bind((self.bus,))
+                self.connect()
             self.socket.send(frame)
             self.n_sent += 1
         except OSError as error:
@@ -89,10 +87,18 @@ class Patient:
             self.n_refused += 1  # the interface is down or gone
             self.socket = None
 
+    def connect(self) -> None:
+        if not Path(f"/sys/class/net/{self.bus}").exists():  # asked by name, the kernel would look for a module
+            raise OSError(errno.ENODEV, self.bus)
+        self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+        self.socket.bind((self.bus,))
+
     def soon(self, command: str) -> None:
         """In the background, after what was asked for before: a slow guest must not hold up the other buses."""
-        before = self.shell
-        self.shell = subprocess.Popen(["sh", "-c", command]) if before is None or before.wait() == 0 else None
+        if self.shell is not None:
+            self.shell.wait()
+        self.shell = subprocess.Popen(["sh", "-c", command])
 
     def act(self, action: str) -> None:
         assert self.process is not None

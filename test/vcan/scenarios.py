@@ -18,9 +18,9 @@ from inertiad import quantity
 TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"
 
-TOGETHER = 6  # scenarios at once
+TOGETHER = 8  # scenarios at once
 RATE = 50.0  # Hz of every message
-DURATION = 26.0  # s
+DURATION = 22.0  # s
 FROM, UNTIL = 10.0, 14.0  # s of the run during which the fault lasts
 LEAD = 0.05  # s after which a frame is sent: a frame can be sent before another one, but not before its time
 IMU, FORCE, POSITION = 0x10, 0x20, 0x30
@@ -179,8 +179,8 @@ SCENARIOS = [
     Scenario("frames duplicated", frames=duplicate, counted=["group.imu.duplicate_frames"]),
     Scenario("frames reordered", frames=reorder, counted=["align.imu.reordered"]),
     Scenario("length corrupted", frames=cut, counted=["decode.bad_length"]),
-    Scenario("unknown IDs", filter=False, frames=foreign(0x7A0, bytes(8), 500.0), counted=["decode.unknown_id"]),
-    Scenario("remote frames", filter=False, frames=foreign(RTR | IMU, b"", 500.0), counted=["decode.remote"]),
+    Scenario("unknown IDs", filter=False, frames=foreign(0x7A0, bytes(8), 250.0), counted=["decode.unknown_id"]),
+    Scenario("remote frames", filter=False, frames=foreign(RTR | IMU, b"", 250.0), counted=["decode.remote"]),
     Scenario("error frames", frames=foreign(ERROR | 0x88, bytes(8), 100.0), counted=["decode.error_frame"]),
     Scenario("bus-off and back", frames=bus_off, counted=["decode.error_frame", "group.imu.lost"]),
     Scenario("interface down, up", actions=[(FROM, "down"), (12.0, "up")], counted=["bus0.went_down"]),
