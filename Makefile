@@ -31,7 +31,7 @@ ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.
 
 # No -ffast-math and no contraction: the same log gives the same bytes on every machine.
 OPT ?= -O2 -g
-FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MMD -MP
+FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MD -MP
 INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/include
 CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
 CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
