@@ -65,6 +65,6 @@ if __name__ == "__main__":
     make_run("robot", "robot.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
     make_run("robot_timed", "robot_fd.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
     swing = str(write_swing(RUNS / "swing.csv"))
-    make_run("golden", "robot_fd.toml", "--trajectory", swing, "--rate", "200", "--faults", "modern", "--seed", "1")
+    make_run("golden", "robot_fd.toml", "--trajectory", swing, "--rate", "50", "--faults", "modern", "--seed", "1")
     write_estimate(RUNS / "golden/run")
     make_run("robot_fd", "robot_fd.toml", "--trajectory", "hold", "--duration", "2")
