@@ -4,7 +4,8 @@
 build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
 build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
 frames late does not spoil the estimate;
-build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again;
+build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again, at
+50 Hz, so that the daemon's ring of samples outlasts the stalls of an emulated machine;
 build/vcan/devices: 10 s of real sensors on two buses.
 """
 
