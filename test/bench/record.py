@@ -59,6 +59,15 @@ def measure(rate: float, seconds: float, folder: Path) -> bool:
     for port, (name, (_, sink, _)) in enumerate(WAYS.items(), 5100):
         command = [TOOL, "replay", str(run), "--tracker", f"{name.split(',')[0]}={sink.format(port=port)}"]
         players[name] = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        return judge(rate, recorders, players)
+    finally:
+        for process in (*recorders.values(), *players.values()):
+            process.kill()
+
+
+def judge(rate: float, recorders: dict[str, subprocess.Popen], players: dict[str, subprocess.Popen]) -> bool:
+    """Print a line for each way when its player is done. True: nothing was lost."""
     good = True
     for name, player in players.items():
         said = player.communicate()[1]
