@@ -112,3 +112,8 @@ int64_t ipe_pace_instant(const ipe_pace_t* p, const ipe_clock_t* clock, int befo
 {
     return ipe_clock_at(clock, p->period * ((double)p->index - before));
 }
+
+void ipe_pace_end(ipe_pace_t* p)
+{
+    (void)settle(p, 0);
+}

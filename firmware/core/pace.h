@@ -45,4 +45,7 @@ int ipe_pace_push(ipe_pace_t* p, ipe_clock_t* clock, int64_t host_ns, uint64_t s
 /// Host time [ns] of the sample so many before the newest settled one.
 int64_t ipe_pace_instant(const ipe_pace_t* p, const ipe_clock_t* clock, int before);
 
+/// No more samples will come: those waiting are dropped.
+void ipe_pace_end(ipe_pace_t* p);
+
 #endif

@@ -314,6 +314,10 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
 void ipe_pipeline_flush(ipe_pipeline_t* p)
 {
     p->align.is_ending = true;
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        ipe_pace_end(&p->pace[s]);
+        ipe_align_settle(&p->align, (ipe_sensor_t)s, 0, NULL);
+    }
 }
 
 void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen)

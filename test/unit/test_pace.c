@@ -190,6 +190,16 @@ static void test_push_new_period_is_measured_again(void)
     TEST_ASSERT_GREATER_THAN_INT(n_pushed - IPE_PACE_HOLD - 8, n);
 }
 
+static void test_end_counts_what_still_waits(void)
+{
+    feed(0.02, 5.0, 1.0, false, nothing);  // given: two samples that are late
+    (void)ipe_pace_push(&pace, &clock_, HOST_0 + 5100000000LL, 0);
+    (void)ipe_pace_push(&pace, &clock_, HOST_0 + 5180000000LL, 0);
+    ipe_pace_end(&pace);                          // when
+    TEST_ASSERT_EQUAL_UINT64(2, pace.n_dropped);  // then
+    TEST_ASSERT_EQUAL_INT(0, pace.n_waiting);
+}
+
 static fate_t ragged(int k, double period)
 {
     (void)k;
@@ -214,6 +224,7 @@ int main(void)
     RUN_TEST(test_push_burst_at_the_start_does_not_lock_the_sensor_out);
     RUN_TEST(test_push_new_phase_is_learnt_anew);
     RUN_TEST(test_push_new_period_is_measured_again);
+    RUN_TEST(test_end_counts_what_still_waits);
     RUN_TEST(test_push_ragged_host_still_gets_most_samples);
     return UNITY_END();
 }

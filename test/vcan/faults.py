@@ -36,10 +36,16 @@ LOSSES = (
     ("align", "not_finite"),
 )
 HOUR = 3600.0
+IDLE_TICKS = 20  # of 10 ms in a second, all daemons together
 
 
 def shell(text: str) -> None:
     subprocess.run(["sh", "-c", text], check=True)
+
+
+def in_background(text: str) -> None:
+    """In a slow guest it may take seconds: the other buses go on."""
+    subprocess.Popen(["sh", "-c", text], stderr=subprocess.DEVNULL)
 
 
 def read_summary(text: str) -> dict[str, int]:
@@ -58,7 +64,6 @@ class Patient:
         self.n_sent = self.n_refused = 0
         self.socket: socket.socket | None = None
         self.restart_s: float | None = None
-        self.shell: subprocess.Popen[bytes] | None = None
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
@@ -71,6 +76,12 @@ class Patient:
         self.errors = self.folder / "stderr.txt"
         with self.errors.open("wb") as file:
             self.process = subprocess.Popen([*command, "--estimate", self.estimate, *options], stderr=file)
+
+    def ticks(self) -> int:
+        """processor time so far, as the kernel counts it"""
+        assert self.process is not None
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return int(fields[11]) + int(fields[12])
 
     def is_listening(self) -> bool:
         return f" {self.bus} " in Path("/proc/net/can/rcvlist_err").read_text().replace("\n", " ")
@@ -94,25 +105,21 @@ class Patient:
         self.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         self.socket.bind((self.bus,))
 
-    def soon(self, command: str) -> None:
-        """In the background, after what was asked for before: a slow guest must not hold up the other buses."""
-        if self.shell is not None:
-            self.shell.wait()
-        self.shell = subprocess.Popen(["sh", "-c", command])
-
     def act(self, action: str) -> None:
         assert self.process is not None
         match action:
             case "down" | "up":
-                self.soon(f"ip link set {self.bus} {action}")
+                in_background(f"ip link set {self.bus} {action}")
             case "delete":
-                self.soon(f"ip link del {self.bus}")
+                in_background(f"ip link del {self.bus}")
             case "create":
-                self.soon(f"ip link add {self.bus} type vcan && ip link set {self.bus} mtu 72 up")
+                in_background(
+                    f"until ip link add {self.bus} type vcan; do sleep 0.1; done; ip link set {self.bus} mtu 72 up"
+                )
             case "no multicast":
-                self.soon("ip route del 224.0.0.0/4 dev lo")
+                in_background("ip route del 224.0.0.0/4 dev lo")
             case "multicast":
-                self.soon("ip route add 224.0.0.0/4 dev lo")
+                in_background("ip route add 224.0.0.0/4 dev lo")
             case "stop":
                 self.process.send_signal(signal.SIGSTOP)
             case "continue":
@@ -224,6 +231,15 @@ def wait_until(condition: Any, what: str) -> None:
         time.sleep(0.1)
 
 
+def wait_until_idle(patients: list[Patient]) -> None:
+    """A slow guest takes its time to load the daemons: frames should not be late for that."""
+    end, ticks, used = time.monotonic() + PATIENCE, 0, IDLE_TICKS
+    while used >= IDLE_TICKS and time.monotonic() < end:
+        time.sleep(1.0)
+        now = sum(p.ticks() for p in patients)
+        ticks, used = now, now - ticks
+
+
 def feed(patients: dict[int, Patient], phase: int) -> float:
     """Send the schedule at its pace, act in between. The largest delay of a frame, s."""
     actions = sorted(((t, n, action) for n, p in patients.items() for t, action in p.facts["actions"]), reverse=True)
@@ -252,6 +268,7 @@ def run_phase(patients: dict[int, Patient], phase: int) -> None:
         p.prepare()
         p.start()
     wait_until(lambda: all(p.is_listening() for p in patients.values()), "the daemons")
+    wait_until_idle(list(patients.values()))
     latest = feed(patients, phase)
     time.sleep(3.0)  # the slowest of them reads its last frames
     for p in patients.values():
