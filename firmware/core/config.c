@@ -130,7 +130,7 @@ static void check_std(check_t* c, const ipe_config_t* k)
         {"std_imu_alignment", k->std_imu_alignment}, {"std_imu_position", k->std_imu_position},
         {"std_force_offset", k->std_force_offset},   {"std_force_gain", k->std_force_gain},
         {"std_force_delay", k->std_force_delay},     {"std_position_delay", k->std_position_delay},
-        {"std_geometry", k->std_geometry},
+        {"std_geometry", k->std_geometry},           {"std_attitude_wander", k->std_attitude_wander},
     };
     for (size_t i = 0; i < sizeof std / sizeof std[0]; ++i) {
         check_range(c, std[i].field, -1, std[i].value, 0.0, 1e6, "SI");

@@ -74,7 +74,7 @@ typedef struct {
     double force_gain[IPE_CABLES_MAX];    ///< measured = (1 + gain) true + offset
 
     double std_acc_bias, std_gyro_bias, std_attitude, std_world_yaw, std_imu_alignment, std_imu_position;
-    double std_force_offset, std_force_gain, std_force_delay, std_position_delay, std_geometry;
+    double std_force_offset, std_force_gain, std_force_delay, std_position_delay, std_geometry, std_attitude_wander;
 
     double window_length;                        ///< s
     double memory;                               ///< s of excited time after which data count 1/e; 0: for ever

@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#define PRIOR_WINDOWS 20.0  // the configured covariance counts for so many
+#define PRIOR_WINDOWS 10.0  // the configured covariance counts for so many
 #define FLOOR 1e-4          // of the configured variance: less is not believed
 
 ipe_status_t ipe_noise_init(ipe_noise_t* s, const double C[IPE_NY][IPE_NY])
@@ -31,7 +31,7 @@ static double contribution(const ipe_noise_t* s, const double innovation[IPE_NY]
     double sum = innovation[i];
     for (uint64_t k = 1; k <= lags; ++k) {
         const double weight = 1.0 - (double)k / (IPE_NOISE_LAGS + 1);
-        sum += 2.0 * weight * s->past[(s->n_past - k) % IPE_NOISE_LAGS][i];
+        sum += 2.0 * weight * (double)s->past[(s->n_past - k) % IPE_NOISE_LAGS][i];
     }
     return sum * innovation[i];
 }
@@ -51,7 +51,7 @@ void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const doubl
         for (int i = 0; i < IPE_NY; ++i) { s->sum[i] += contribution(s, innovation, i); }
         ++s->n_summed;
     }
-    memcpy(s->past[s->n_past % IPE_NOISE_LAGS], innovation, sizeof s->past[0]);
+    for (int i = 0; i < IPE_NY; ++i) { s->past[s->n_past % IPE_NOISE_LAGS][i] = (float)innovation[i]; }
     ++s->n_past;
     for (int i = 0; i < IPE_NY; ++i) {
         const double scale = sqrt(learnt_variance(s, i) / s->prior[i]);

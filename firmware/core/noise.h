@@ -6,7 +6,7 @@
 ///   v = r_0 + 2 sum_{k=1..25} (1 - k/26) r_k                                 (Bartlett weights)
 /// and a filter that assumes independent rows is honest when it is given v instead of r_0. v is averaged over the windows
 /// whose innovation says something about the noise (its variance from the states is the smaller part), together with the
-/// configured covariance, which counts for 20 windows and gives the channels' correlation.
+/// configured covariance, which counts for 10 windows and gives the channels' correlation.
 /// Source: Newey, West, Econometrica 55(3), 1987; firmware/DESIGN.md, "Noise". 1.6 KB of state, 0.1 us per window.
 #ifndef IPE_NOISE_H
 #define IPE_NOISE_H
@@ -16,13 +16,13 @@
 enum { IPE_NOISE_LAGS = 25 };
 
 typedef struct {
-    double prior[IPE_NY];                 ///< diagonal of the configured covariance
-    double factor[IPE_NY][IPE_NY];        ///< its Cholesky factor
-    double sum[IPE_NY];                   ///< of the windows' contributions to v
+    double prior[IPE_NY];                ///< diagonal of the configured covariance
+    double factor[IPE_NY][IPE_NY];       ///< its Cholesky factor
+    double sum[IPE_NY];                  ///< of the windows' contributions to v
     uint64_t n_summed;
-    double past[IPE_NOISE_LAGS][IPE_NY];  ///< innovations, window k at k % IPE_NOISE_LAGS
+    float past[IPE_NOISE_LAGS][IPE_NY];  ///< innovations, window k at k % IPE_NOISE_LAGS
     uint64_t n_past;
-    double L[IPE_NY][IPE_NY];             ///< factor of the covariance to whiten with
+    double L[IPE_NY][IPE_NY];            ///< factor of the covariance to whiten with
 } ipe_noise_t;
 
 /// Start from the configured covariance C [6][6]. IPE_OK, or IPE_ERR_CONFIG: not positive definite.

@@ -9,11 +9,10 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SMALLEST_STD 1e-12         // of a systematic parameter declared perfect: the factored filter needs D > 0
-#define COVERAGE 1.25              // on every sigma: what the noise model still leaves out, see firmware/DESIGN.md
 #define STATIC_RATE 0.02           // rad/s and
 #define STATIC_ALPHA 0.01          // rad/s2: below both for
-#define STATIC_WINDOWS 5           // windows in a row the platform rests, and they are sensor noise
+#define STATIC_WINDOWS 5           // windows in a row the platform rests, and after
+#define REST_WINDOWS 50            // more it has told what it can: the next would only be taken for new evidence
 #define LEARNING_WINDOWS 50        // of the noise, before an innovation can be called too large
 #define PRIOR_INTERVAL 50          // excited windows between two foldings of the prior
 #define CHANGE_SHARE (1.0 / 12.0)  // of what the cables can lift: sigma of a new payload
@@ -37,10 +36,9 @@ static bool prior_rows(const double P[IPE_NP][IPE_NP], double rows[IPE_NP][IPE_N
     return true;
 }
 
-/// What a payload that the robot can carry adds to theta, from the cables' strength and the platform's size.
-static void set_change_std(ipe_pipeline_t* p)
+/// What a payload that the robot can carry adds to theta about the IMU, from the cables' strength and the platform's size.
+static void change_std(const ipe_config_t* k, double std[IPE_NP])
 {
-    const ipe_config_t* k = &p->config;
     double strength = 0.0, size2 = 0.0;
     for (int i = 0; i < k->n_cables; ++i) {
         strength += k->cable[i].tension_max;
@@ -48,32 +46,30 @@ static void set_change_std(ipe_pipeline_t* p)
     }
     const double mass = CHANGE_SHARE * strength / fmax(k->gravity, 1.0);
     for (int i = 0; i < IPE_NP; ++i) {
-        p->change_std[i] = i == 0 ? mass : i < 4 ? mass * sqrt(size2) : i < 7 ? mass * size2 : mass * size2 / 3.0;
+        std[i] = i == 0 ? mass : i < 4 ? mass * sqrt(size2) : i < 7 ? mass * size2 : mass * size2 / 3.0;
     }
 }
 
-static void systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
+/// The configured prior, about P there, about the IMU.
+static void prior_at_imu(const ipe_config_t* k, double theta[IPE_NP], double P[IPE_NP][IPE_NP])
 {
-    ipe_systematic_std(config, std);
-    for (int i = 0; i < ipe_systematic_count(config->n_cables); ++i) { std[i] = fmax(std[i], SMALLEST_STD); }
+    const double to_imu[3] = {-k->imu_position[0], -k->imu_position[1], -k->imu_position[2]};
+    memcpy(theta, k->prior_theta, sizeof k->prior_theta);
+    memcpy(P, k->prior_covariance, sizeof k->prior_covariance);
+    ipe_body_shift(to_imu, theta, P);
 }
 
-/// States: theta about the IMU (the configured prior is about P), then the systematic parameters, all zero so far.
+/// States: theta about the IMU, then what states.h has, all zero so far.
 static ipe_status_t init_filter(ipe_pipeline_t* p)
 {
     const ipe_config_t* k = &p->config;
-    const double to_imu[3] = {-k->imu_position[0], -k->imu_position[1], -k->imu_position[2]};
-    double P[IPE_NP][IPE_NP], std[IPE_XI_MAX];
-    memcpy(p->prior_theta, k->prior_theta, sizeof p->prior_theta);
-    memcpy(P, k->prior_covariance, sizeof P);
-    (void)ipe_body_from_theta(p->prior_theta, P, &p->prior);
-    ipe_body_shift(to_imu, p->prior_theta, P);
-    systematic_std(k, std);
-    set_change_std(p);
+    double theta[IPE_NP], P[IPE_NP][IPE_NP], std[IPE_NX_MAX - IPE_NP];
+    prior_at_imu(k, theta, P);
+    ipe_states_init(&p->states);
+    ipe_states_std(k, std);
     ipe_detect_init(&p->detect);
-    const ipe_status_t status = ipe_noise_init(&p->noise, k->residual_covariance);
-    if (status != IPE_OK || !prior_rows(P, p->prior_rows)) { return IPE_ERR_CONFIG; }
-    return ipe_rls_init(&p->rls, p->prior_theta, P, ipe_systematic_filter_count(k->n_cables), std);
+    if (ipe_noise_init(&p->noise, k->residual_covariance) != IPE_OK) { return IPE_ERR_CONFIG; }
+    return ipe_rls_init(&p->rls, theta, P, ipe_states_count(k->n_cables) - IPE_NP, std);
 }
 
 ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size)
@@ -139,16 +135,12 @@ ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const d
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }
 
-/// At rest rate and acceleration are sensor noise: taken as they are they would wear the inertia down.
-static bool gate_rest(ipe_pipeline_t* p, ipe_average_t* average)
+/// How long the platform has been at rest, in windows; 0: it moves.
+static int count_rest(ipe_pipeline_t* p, const ipe_average_t* average)
 {
     const bool is_slow = vec3_norm(average->w) < STATIC_RATE && vec3_norm(average->alpha) < STATIC_ALPHA;
-    p->n_slow = is_slow ? p->n_slow + 1 : 0;
-    if (p->n_slow < STATIC_WINDOWS) { return false; }
-    memset(average->w, 0, sizeof average->w);
-    memset(average->ww, 0, sizeof average->ww);
-    memset(average->alpha, 0, sizeof average->alpha);
-    return true;
+    p->n_slow = !is_slow ? 0 : p->n_slow <= STATIC_WINDOWS + REST_WINDOWS ? p->n_slow + 1 : p->n_slow;
+    return p->n_slow > STATIC_WINDOWS ? p->n_slow - STATIC_WINDOWS : 0;
 }
 
 /// Use, hold back or take as a change of payload. Until the noise is known nothing can be told from it.
@@ -157,40 +149,41 @@ static ipe_detect_verdict_t judge(ipe_pipeline_t* p, double nis)
     return p->noise.n_summed < LEARNING_WINDOWS ? IPE_DETECT_USE : ipe_detect_push(&p->detect, nis);
 }
 
-/// Equations of one window in the filter's states: y = [Y, -X] [theta; xi] + noise.
-static ipe_status_t build_equations(ipe_pipeline_t* p, const ipe_average_t* average)
+/// Equations of one window in the filter's states, and those states at its time.
+static ipe_status_t build_equations(ipe_pipeline_t* p, const ipe_average_t* average, double* H)
 {
     double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
-    const int n = p->rls.n;
     ipe_regressor(average->s, average->ww, average->alpha, Y);
     if (ipe_systematic_columns(&p->config, average, p->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
-    for (int j = 0; j < IPE_NY; ++j) {
-        double* row = p->equations + j * n;
-        memcpy(row, Y[j], sizeof Y[j]);
-        for (int i = IPE_NP; i < n; ++i) { row[i] = -X[j][i - IPE_NP]; }
-    }
+    ipe_states_rows(&p->states, &p->config, Y, X, H);
+    ipe_states_advance(&p->states, &p->config, average->t_ns, &p->rls);
     return IPE_OK;
 }
 
-/// A new payload: theta may be anything the robot can carry; what is known of the sensors stays.
+/// A new payload: theta may be anything the robot can carry; what is known of the sensors stays. Rest tells anew.
 static void loosen_theta(ipe_pipeline_t* p)
 {
-    for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&p->rls, i, p->change_std[i] * p->change_std[i]); }
+    double std[IPE_NP];
+    change_std(&p->config, std);
+    for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&p->rls, i, std[i] * std[i]); }
     ipe_noise_restart(&p->noise);
+    p->n_slow = 0;
 }
 
 /// Fold the prior in again with the weight that forgetting took from it, so that P never exceeds it.
 static void fold_prior(ipe_pipeline_t* p, double weight)
 {
-    double row[IPE_NX_MAX], std[IPE_XI_MAX];
-    systematic_std(&p->config, std);
+    double row[IPE_NX_MAX], std[IPE_NX_MAX - IPE_NP], theta[IPE_NP], P[IPE_NP][IPE_NP], rows[IPE_NP][IPE_NP];
+    prior_at_imu(&p->config, theta, P);
+    if (!prior_rows(P, rows)) { return; }
+    ipe_states_std(&p->config, std);
     for (int i = 0; i < p->rls.n; ++i) {
         double y = 0.0;
         memset(row, 0, sizeof row);
         if (i < IPE_NP) {
             for (int j = 0; j <= i; ++j) {
-                row[j] = weight * p->prior_rows[i][j];
-                y += row[j] * p->prior_theta[j];
+                row[j] = weight * rows[i][j];
+                y += row[j] * theta[j];
             }
         } else {
             row[i] = weight / std[i - IPE_NP];
@@ -210,10 +203,10 @@ static void forget(ipe_pipeline_t* p, double hop)
 
 static void read_systematic(const ipe_pipeline_t* p, ipe_estimate_t* e)
 {
-    e->n_systematic = p->rls.n - IPE_NP;
+    e->n_systematic = ipe_systematic_filter_count(p->config.n_cables);
     for (int i = 0; i < e->n_systematic; ++i) {
         e->systematic[i] = p->rls.x[IPE_NP + i];
-        e->systematic_std[i] = COVERAGE * ipe_rls_std(&p->rls, IPE_NP + i);
+        e->systematic_std[i] = ipe_rls_std(&p->rls, IPE_NP + i);
     }
 }
 
@@ -224,13 +217,13 @@ static void add_geometry(const ipe_pipeline_t* p, ipe_estimate_t* e)
     for (int i = 1; i < 4; ++i) { e->covariance[i][i] += std * std / p->config.n_cables; }
 }
 
-static void judge_observability(const ipe_body_t* prior, ipe_estimate_t* e)
+static void judge_observability(const ipe_config_t* config, ipe_estimate_t* e)
 {
-    e->observable[0] = 2.0 * e->body.mass_std <= prior->mass_std;
-    for (int i = 0; i < 3; ++i) { e->observable[1 + i] = 2.0 * e->body.cog_std[i] <= prior->cog_std[i]; }
-    for (int i = 0; i < 6; ++i) {
-        e->observable[4 + i] = 2.0 * e->body.inertia_cog_std[i] <= prior->inertia_cog_std[i];
-    }
+    ipe_body_t prior = {.mass = 0.0};
+    (void)ipe_body_from_theta(config->prior_theta, config->prior_covariance, &prior);
+    e->observable[0] = 2.0 * e->body.mass_std <= prior.mass_std;
+    for (int i = 0; i < 3; ++i) { e->observable[1 + i] = 2.0 * e->body.cog_std[i] <= prior.cog_std[i]; }
+    for (int i = 0; i < 6; ++i) { e->observable[4 + i] = 2.0 * e->body.inertia_cog_std[i] <= prior.inertia_cog_std[i]; }
 }
 
 /// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no body.
@@ -244,9 +237,6 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
                         .n_changes = p->detect.n_changes};
     memcpy(theta, p->rls.x, sizeof theta);
     ipe_rls_covariance(&p->rls, IPE_NP, &e.covariance[0][0]);
-    for (int i = 0; i < IPE_NP; ++i) {
-        for (int j = 0; j < IPE_NP; ++j) { e.covariance[i][j] *= COVERAGE * COVERAGE; }
-    }
     ipe_body_shift(p->config.imu_position, theta, e.covariance);
     e.consistent = ipe_consistency_check(theta);
     if (!ipe_consistency_project(theta, e.covariance, e.theta, &e.distance)) { return false; }
@@ -256,27 +246,27 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
         return false;
     }
     if (!all_finite(&e.body.mass, sizeof e.body / sizeof(double))) { return false; }
-    judge_observability(&p->prior, &e);
+    judge_observability(&p->config, &e);
     read_systematic(p, &e);
     *estimate = e;
     return true;
 }
 
 /// One window's equations into the filter. IPE_NOT_READY: held back as an outlier.
-static ipe_status_t update_filter(ipe_pipeline_t* p, ipe_average_t* average, double* nis)
+static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* average, double* nis)
 {
-    double innovation[IPE_NY], S[IPE_NY][IPE_NY];
-    const bool at_rest = gate_rest(p, average);
-    ipe_status_t status = build_equations(p, average);  // averages -> [Y, -X]
+    double H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], unused;
+    const int n_rest = count_rest(p, average);
+    ipe_status_t status = build_equations(p, average, H);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
-    ipe_rls_innovation(&p->rls, p->equations, average->y, innovation, S);
+    ipe_rls_innovation(&p->rls, H, average->y, innovation, S);
     *nis = ipe_detect_nis(innovation, S, p->noise.L);
     const ipe_detect_verdict_t verdict = judge(p, *nis);  // innovation -> same payload?
     if (verdict == IPE_DETECT_HOLD) { return IPE_NOT_READY; }
+    if (verdict == IPE_DETECT_USE && n_rest > REST_WINDOWS) { return IPE_OK; }
     if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
-    if (!at_rest) { forget(p, 0.25 * average->length); }
-    double unused;
-    status = ipe_rls_update(&p->rls, p->equations, average->y, p->noise.L, &unused);  // equations -> theta, xi, P
+    if (n_rest == 0) { forget(p, 0.25 * average->length); }
+    status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, &unused);  // rows -> states, P
     if (status == IPE_OK && verdict == IPE_DETECT_USE) { ipe_noise_push(&p->noise, innovation, S); }
     return status;
 }
@@ -344,6 +334,7 @@ void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 void ipe_pipeline_learnt(const ipe_pipeline_t* p, ipe_learnt_t* learnt)
 {
     memset(learnt, 0, sizeof *learnt);
+    learnt->states = p->states;
     learnt->rls = p->rls;
     learnt->noise = p->noise;
     learnt->detect = p->detect;
@@ -356,6 +347,7 @@ void ipe_pipeline_learnt(const ipe_pipeline_t* p, ipe_learnt_t* learnt)
 
 void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_learnt_t* learnt)
 {
+    p->states = learnt->states;
     p->rls = learnt->rls;
     p->noise = learnt->noise;
     p->detect = learnt->detect;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// CAN frames and tracker positions in, the ten inertial parameters out.
 ///
-///   frame --> decode --> group --> stuck --> clock, pace --> align --> wrench --> window --> regressor, systematic --> noise, rls
-///         --> body, consistency
+///   frame --> decode --> group --> stuck --> clock, pace --> align --> wrench --> window --> regressor, systematic, states
+///         --> noise, rls --> body, consistency
 ///
 /// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
 #ifndef IPE_PIPELINE_H
@@ -18,6 +18,7 @@
 #include "noise.h"
 #include "pace.h"
 #include "rls.h"
+#include "states.h"
 #include "stuck.h"
 #include "types.h"
 #include "window.h"
@@ -42,6 +43,7 @@ typedef struct {
 
 /// What was learnt from the data: kept by a checkpoint, and when settings change that do not touch it.
 typedef struct {
+    ipe_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
     ipe_detect_t detect;
@@ -61,21 +63,17 @@ typedef struct {
     ipe_align_t align;
     ipe_wrench_stage_t wrench;
     ipe_window_t window;
+    ipe_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
     ipe_detect_t detect;
-    ipe_body_t prior;                       ///< the configured prior as a body
-    double prior_theta[IPE_NP];             ///< about the IMU
-    double prior_rows[IPE_NP][IPE_NP];      ///< inverse Cholesky factor of its covariance
-    double change_std[IPE_NP];              ///< what a new payload may add to theta about the IMU
-    double equations[IPE_NY * IPE_NX_MAX];  ///< [Y, -X] of the window at hand
-    uint64_t n_excited;                     ///< windows not at rest
-    int n_slow;                             ///< windows in a row that may be rest
+    uint64_t n_excited;  ///< windows not at rest
+    int n_slow;          ///< windows in a row that may be rest
     ipe_estimate_t estimate;
-    uint64_t n_rows;                        ///< aligned rows that entered the window
-    uint64_t n_refused;                     ///< estimates not published because a value was not finite
-    bool is_frozen;                         ///< windows are not learnt from
-    uint64_t n_frozen;                      ///< windows that were not
+    uint64_t n_rows;     ///< aligned rows that entered the window
+    uint64_t n_refused;  ///< estimates not published because a value was not finite
+    bool is_frozen;      ///< windows are not learnt from
+    uint64_t n_frozen;   ///< windows that were not
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.

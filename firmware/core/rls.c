@@ -34,7 +34,7 @@ ipe_status_t ipe_rls_init(ipe_rls_t* s, const double theta[IPE_NP], const double
                           const double* xi_std)
 {
     memset(s, 0, sizeof *s);
-    if (n_xi < 0 || n_xi > IPE_XI_FILTER_MAX) { return IPE_ERR_CONFIG; }
+    if (n_xi < 0 || n_xi > IPE_NX_MAX - IPE_NP) { return IPE_ERR_CONFIG; }
     s->n = IPE_NP + n_xi;
     memcpy(s->x, theta, sizeof(double) * IPE_NP);
     for (int i = 0; i < n_xi; ++i) {
@@ -163,6 +163,15 @@ void ipe_rls_loosen(ipe_rls_t* s, int i, double variance)
         c *= s->D[j] / D;
         s->D[j] = D;
     }
+}
+
+void ipe_rls_fade(ipe_rls_t* s, int i, double factor)
+{
+    double* U = &s->U[column(i)];
+    s->x[i] *= factor;
+    s->D[i] *= factor * factor;
+    for (int k = 0; k < i; ++k) { U[k] /= factor; }
+    for (int j = i + 1; j < s->n; ++j) { s->U[column(j) + i] *= factor; }
 }
 
 static double element(const ipe_rls_t* s, int i, int k)

@@ -8,7 +8,7 @@
 /// Equals batch least squares with the prior as extra rows; stays positive definite in double over 1e7 updates.
 /// The first IPE_NP states are theta; the others are the systematic parameters the robot's filter carries.
 /// Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V; firmware/DESIGN.md, "Filter".
-/// n (n + 3) 4 bytes in use: 5.9 KB for 8 cables; 3/2 n^2 multiplications per row; no heap, one thread.
+/// n (n + 3) 4 bytes in use: 9.0 KB for 8 cables; 3/2 n^2 multiplications per row; no heap, one thread.
 #ifndef IPE_RLS_H
 #define IPE_RLS_H
 
@@ -16,7 +16,7 @@
 #include "types.h"
 
 enum {
-    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX,
+    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX + 9,  ///< theta, the systematic parameters, what else states.h has
     IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,
 };
 
@@ -32,7 +32,7 @@ typedef struct {
 
 /// Start from the prior theta [10], P [10][10] and n_xi further states, 0 +- xi_std [n_xi], independent of all others.
 ///
-/// IPE_OK; IPE_ERR_CONFIG: n_xi not 0 .. IPE_XI_FILTER_MAX, P not positive definite or a xi_std not positive; state not
+/// IPE_OK; IPE_ERR_CONFIG: n_xi not 0 .. IPE_NX_MAX - IPE_NP, P not positive definite or a xi_std not positive; state not
 /// usable.
 ipe_status_t ipe_rls_init(ipe_rls_t* s, const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], int n_xi,
                           const double* xi_std);
@@ -61,6 +61,9 @@ void ipe_rls_forget(ipe_rls_t* s, double lambda);
 
 /// State i may have moved: P_ii += variance. Source: Agee, Turner, 1972; cost i^2.
 void ipe_rls_loosen(ipe_rls_t* s, int i, double variance);
+
+/// State i fades: x_i *= factor, its row and column of P as well; factor > 0.
+void ipe_rls_fade(ipe_rls_t* s, int i, double factor);
 
 /// P [n][n] = U D U^T, symmetric; only the first rows x rows are computed and written, as [rows][rows].
 void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P);

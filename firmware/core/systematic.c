@@ -154,6 +154,18 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
     }
 }
 
+/// An IMU mounted otherwise gives another attitude too: R(q) R_PI^T exp(-xi) exp(attitude_bias).
+static void add_turned_attitude(const ipe_config_t* config, const double by_attitude[IPE_NY][3],
+                                double X[IPE_NY][IPE_XI_MAX])
+{
+    double bias[3][3], turned[3];
+    mat3_exp(config->attitude_bias, bias);
+    for (int j = 0; j < IPE_NY; ++j) {
+        mat3_mul_vec(bias, by_attitude[j], turned);
+        vec3_axpy(&X[j][IPE_XI_ALIGNMENT], -1.0, turned, &X[j][IPE_XI_ALIGNMENT]);
+    }
+}
+
 ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_average_t* average,
                                     const double theta[IPE_NP], double X[IPE_NY][IPE_XI_MAX])
 {
@@ -166,5 +178,6 @@ ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_averag
     pose_columns(config, average, by_position, by_attitude, X);
     force_columns(config, average, W, X);
     motion_columns(config, average, theta, X);
+    add_turned_attitude(config, by_attitude, X);
     return IPE_OK;
 }

@@ -19,7 +19,7 @@ enum {
     IPE_XI_ATTITUDE = 0,         ///< rad, P axes: R_true = R exp(xi)
     IPE_XI_YAW = 3,              ///< rad: R_true = Rz(xi) R
     IPE_XI_ACC_BIAS = 4,         ///< m/s2, I axes
-    IPE_XI_ALIGNMENT = 7,        ///< rad, P axes: s_true = s + xi x s, w_true = w + xi x w
+    IPE_XI_ALIGNMENT = 7,        ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
     IPE_XI_POSITION_DELAY = 10,  ///< s
     IPE_XI_FORCE = 11,  ///< offsets m [N], then gains m; after them gyro bias 3 [rad/s, I axes], force delay 1 [s]
     IPE_XI_FILTER_MAX = IPE_XI_FORCE + 2 * IPE_CABLES_MAX,

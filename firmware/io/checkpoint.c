@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { VERSION = 2, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
+enum { VERSION = 3, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
 static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
 
@@ -43,7 +43,8 @@ static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* 
 {
     const ipe_learnt_t* l = &s->learnt;
     bool good = l->rls.n == p->rls.n && ipe_rls_invariants_hold(&l->rls) && l->estimate.n_windows > 0 &&
-                l->estimate.n_systematic == l->rls.n - IPE_NP && isfinite(l->detect.cusum);
+                l->estimate.n_systematic == ipe_systematic_filter_count(p->config.n_cables) &&
+                isfinite(l->detect.cusum);
     for (int i = 0; i < IPE_NY; ++i) { good = good && l->noise.L[i][i] > 0.0 && isfinite(l->noise.L[i][i]); }
     for (int i = 0; i < 3; ++i) { good = good && fabs(l->gyro_bias[i]) <= GYRO_BIAS_MAX; }
     return good && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;

@@ -121,6 +121,7 @@ static void copy_calibration(ipe_config_t* to, const wire_t* from)
     to->std_force_delay = from->std_force_delay;
     to->std_position_delay = from->std_position_delay;
     to->std_geometry = from->std_geometry;
+    to->std_attitude_wander = from->std_attitude_wander;
 }
 
 static void copy_estimator(ipe_config_t* to, const wire_t* from)

@@ -44,9 +44,11 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
 
 
 def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
-    free = [True] * 11 + [False] * 20  # the attachments' errors are unknowns too; they are linear and eliminated below
+    free = [True] * 11 + [False] * 20
     options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
-    still = recording.robot.model_copy(update={"std": recording.robot.std.model_copy(update={"geometry": 0.0})})
+    std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0})  # no unknowns beside these
+    noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
+    still = recording.robot.model_copy(update={"std": std, "estimator": noise})
     config = runs.config_of(still, "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)
     noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
@@ -198,3 +200,28 @@ def test_the_command_writes_the_schema_and_names_bad_input(tmp_path: Path, recor
 def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"robot\.toml: not there"):
         runs.read(tmp_path)
+
+
+def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, config: object) -> None:
+    """Against generalised least squares with the dense covariance of wander and noise over all windows."""
+    free = [True] * 3 + [False] * 28
+    options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
+    std = recording.robot.std.model_copy(update={"geometry": 0.0})
+    config = runs.config_of(recording.robot.model_copy(update={"std": std}), "test")
+    ours = inertiad_core.batch(config, [recording.rows], **options)
+    noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
+
+    calibrated = inertiad_core.calibrated(config, np.r_[ours["xi"][:3], np.zeros(28)])
+    windows = inertiad_core.Windows(calibrated, recording.rows)
+    turn = windows.X(np.array(ours["body"][0]["theta"]))[:, :, :3].reshape(-1, 3)
+    age = np.repeat(np.asarray(windows.t), 6)
+    C = std.attitude_wander**2 * (turn @ turn.T) * np.exp(-np.abs(age[:, None] - age) / 20.0)
+    whiten = np.linalg.inv(np.linalg.cholesky(C + np.diag(np.tile(noise**2, len(windows.y)))))
+    A = np.vstack([whiten @ np.hstack([windows.Y.reshape(-1, 10), -turn]), np.diag(1.0 / prior_std)])
+    e = whiten @ windows.y.ravel()
+    mean = np.r_[_prior_theta(recording.robot), -np.array(ours["xi"][:3])]
+    found = np.linalg.lstsq(A, np.r_[e, mean / prior_std], rcond=None)[0]
+    P = np.linalg.inv(A.T @ A)
+    sigma = np.sqrt(np.diag(P))
+    assert np.abs((np.r_[ours["body"][0]["theta"], np.zeros(3)] - found) / sigma).max() < 0.02
+    np.testing.assert_allclose(np.sqrt(np.diag(ours["covariance"])), sigma, rtol=1e-3)

@@ -414,6 +414,27 @@ static void test_loosen_adds_variance_to_one_state_only(void)
     TEST_ASSERT_TRUE(ipe_rls_invariants_hold(&rls));
 }
 
+static void test_fade_scales_one_state_with_its_row_and_column(void)
+{
+    double before[IPE_NP * IPE_NP], after[IPE_NP * IPE_NP], nis;  // given
+    const block_t b = random_block(1.0, 1.0);
+    (void)update(&rls, &b, &nis);
+    for (int k = 0; k < IPE_NP; ++k) {
+        ipe_rls_covariance(&rls, IPE_NP, before);
+        const double x = rls.x[k];
+        ipe_rls_fade(&rls, k, 0.3);                                     // when
+        ipe_rls_covariance(&rls, IPE_NP, after);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15 * fabs(x), 0.3 * x, rls.x[k]);  // then
+        for (int i = 0; i < IPE_NP; ++i) {
+            for (int j = 0; j < IPE_NP; ++j) {
+                const double expected = before[i * IPE_NP + j] * (i == k ? 0.3 : 1.0) * (j == k ? 0.3 : 1.0);
+                TEST_ASSERT_DOUBLE_WITHIN(1e-9 * (1.0 + fabs(expected)), expected, after[i * IPE_NP + j]);
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(ipe_rls_invariants_hold(&rls));
+}
+
 static void test_invariants_broken_state_is_noticed(void)
 {
     ipe_rls_t broken = rls;  // given, when, then
@@ -446,6 +467,7 @@ int main(void)
     RUN_TEST(test_update_row_is_one_sixth_of_a_block);
     RUN_TEST(test_forget_divides_covariance);
     RUN_TEST(test_loosen_adds_variance_to_one_state_only);
+    RUN_TEST(test_fade_scales_one_state_with_its_row_and_column);
     RUN_TEST(test_invariants_broken_state_is_noticed);
     return UNITY_END();
 }

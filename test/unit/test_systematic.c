@@ -17,7 +17,8 @@ void setUp(void)
     config = cogiro();
     quat_from_rpy(mounted, config.imu_orientation);
     config.tracker_target[0] = 0.2, config.tracker_target[1] = -0.3, config.tracker_target[2] = 0.5;
-    config.acc_bias[1] = 0.1, config.gyro_bias[2] = 0.01, config.world_yaw = 0.05;
+    config.attitude_bias[0] = 0.02, config.attitude_bias[2] = -0.03, config.acc_bias[1] = 0.1,
+    config.gyro_bias[2] = 0.01, config.world_yaw = 0.05;
     for (int i = 0; i < 8; ++i) { config.force_offset[i] = i, config.force_gain[i] = 0.002 * i; }
     memset(&row, 0, sizeof row);
     quat_from_rpy(attitude, row.q);
@@ -68,6 +69,30 @@ static void residual(const ipe_average_t* a, double e[IPE_NY])
     }
 }
 
+/// q [w x y z] = exp(angle about axis) q for a small angle.
+static void turn_imu(int axis, double angle, double q[4])
+{
+    const double v[3] = {q[1], q[2], q[3]}, w = q[0], half = 0.5 * angle;
+    double u[3] = {0.0}, cross[3];
+    u[axis] = half;
+    vec3_cross(u, v, cross);
+    q[0] = w - half * v[axis];
+    for (int i = 0; i < 3; ++i) { q[1 + i] = v[i] + w * u[i] + cross[i]; }
+}
+
+/// bias = log(exp(bias) exp(angle about axis)).
+static void turn_attitude(int axis, double angle, double bias[3])
+{
+    double turn[3] = {0.0}, A[3][3], B[3][3], R[3][3];
+    turn[axis] = angle;
+    mat3_exp(bias, A);
+    mat3_exp(turn, B);
+    mat3_mul(A, B, R);
+    const double twice_sine[3] = {R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]};
+    const double sine = 0.5 * vec3_norm(twice_sine), scale = 0.5 * asin(sine) / sine;
+    for (int i = 0; i < 3; ++i) { bias[i] = scale * twice_sine[i]; }
+}
+
 /// Residual with the calibration corrected by xi in one parameter.
 static void corrected_residual(int at, double xi, double e[IPE_NY])
 {
@@ -75,11 +100,13 @@ static void corrected_residual(int at, double xi, double e[IPE_NY])
     ipe_config_t k = config;
     const ipe_row_t measured = row;
     if (at < IPE_XI_YAW) {
-        k.attitude_bias[at] += xi;
+        turn_attitude(at, xi, k.attitude_bias);
     } else if (at == IPE_XI_YAW) {
         k.world_yaw += xi;
     } else if (at < IPE_XI_ALIGNMENT) {
         k.acc_bias[at - IPE_XI_ACC_BIAS] += xi;
+    } else if (at < IPE_XI_POSITION_DELAY) {
+        turn_imu(at - IPE_XI_ALIGNMENT, xi, k.imu_orientation);
     } else if (at == IPE_XI_POSITION_DELAY) {  // the position of this instant is stamped later
         vec3_axpy(measured.position, xi, tracked_velocity, row.position);
     } else if (at >= offset && at < gain) {
@@ -93,15 +120,11 @@ static void corrected_residual(int at, double xi, double e[IPE_NY])
     }
     ipe_average_t a = average_of(&k);
     row = measured;
-    if (at >= IPE_XI_ALIGNMENT && at < IPE_XI_POSITION_DELAY) {
+    if (at >= IPE_XI_ALIGNMENT && at < IPE_XI_POSITION_DELAY) {  // the slope of the rate turns with it
         double axis[3] = {0.0, 0.0, 0.0}, turn[3];
         axis[at - IPE_XI_ALIGNMENT] = xi;
-        const double* vectors[3] = {a.s, a.w, a.alpha};
-        for (int v = 0; v < 3; ++v) {
-            vec3_cross(axis, vectors[v], turn);
-            for (int i = 0; i < 3; ++i) { (v == 0 ? a.s : v == 1 ? a.w : a.alpha)[i] += turn[i]; }
-        }
-        ipe_rate_products(a.w, a.ww);
+        vec3_cross(axis, a.alpha, turn);
+        vec3_axpy(a.alpha, 1.0, turn, a.alpha);
     }
     residual(&a, e);
 }

@@ -10,6 +10,8 @@
 #include <inertiad/rls.hpp>
 #include <inertiad/windows.hpp>
 
+#include <algorithm>
+#include <functional>
 #include <string>
 
 extern "C" {
@@ -303,22 +305,30 @@ inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, 
     inertiad::Theta theta = Eigen::Map<const inertiad::Theta>(k.prior_theta);
     inertiad::Covariance P = Eigen::Map<const inertiad::Covariance>(&k.prior_covariance[0][0]);
     ipe_body_shift(to_imu.data(), theta.data(), inertiad::as_array(P));
-    double std[IPE_XI_MAX];
-    ipe_systematic_std(&k, std);
-    for (int i = 0; i < n_xi; ++i) { std[i] = std::max(std[i], 1e-12); }
+    double std[IPE_NX_MAX - IPE_NP];
+    ipe_states_std(&k, std);
+    ipe_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
+    ipe_states_init(&states);
     if (ipe_noise_init(&noise, k.residual_covariance) != IPE_OK ||
-        ipe_rls_init(&rls, theta.data(), inertiad::as_array(P), n_xi, std) != IPE_OK) {
+        ipe_rls_init(&rls, theta.data(), inertiad::as_array(P), ipe_states_count(k.n_cables) - IPE_NP, std) != IPE_OK) {
         throw std::invalid_argument("config: the filter refuses its prior");
     }
-    std::vector<double> rows(IPE_NY * n_x);
     for (std::size_t i = 0; i < H.shape(0); ++i) {
+        double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX] = {}, rows[IPE_NY * IPE_NX_MAX];
         double innovation[IPE_NY], S[IPE_NY][IPE_NY], nis;
         const double* y_i = y.data() + IPE_NY * i;
-        std::copy_n(H.data() + rows.size() * i, rows.size(), rows.begin());
-        ipe_rls_innovation(&rls, rows.data(), y_i, innovation, S);
-        if (ipe_rls_update(&rls, rows.data(), y_i, noise.L, &nis) != IPE_OK) {
+        for (std::size_t j = 0; j < IPE_NY; ++j) {
+            const double* row = H.data() + (IPE_NY * i + j) * n_x;
+            std::copy_n(row, IPE_NP, Y[j]);
+            std::transform(row + IPE_NP, row + n_x, X[j], std::negate<>());
+        }
+        ipe_states_rows(&states, &k, Y, X, rows);
+        ipe_states_advance(&states, &k, 1 + static_cast<int64_t>(2.5e8 * k.window_length * static_cast<double>(i)),
+                           &rls);
+        ipe_rls_innovation(&rls, rows, y_i, innovation, S);
+        if (ipe_rls_update(&rls, rows, y_i, noise.L, &nis) != IPE_OK) {
             throw std::invalid_argument("H, y: NaN or Inf");
         }
         ipe_noise_push(&noise, innovation, S);

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from inertiad import fit, runs, table
 from inertiad import robot as description
 from inertiad.error import InputError
-from inertiad.fit import COVERAGE, Group
+from inertiad.fit import Group
 from inertiad.quantity import forces
 from inertiad.robot import Robot, to_toml
 from inertiad.runs import Recording
@@ -151,7 +151,7 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     result = _solve(config, recordings, payload, is_known, free)
     n_theta = 10 * len(set(payload))
     part = slice(n_theta, n_theta + n)
-    covariance = np.array(result["covariance"])[part, part] / COVERAGE**2
+    covariance = np.array(result["covariance"])[part, part]
     prior_std = np.array(result["prior_std"])[part]
     refused = np.sqrt(np.diag(covariance)) > NOT_TOLD * prior_std
     directions = _unit_directions(covariance, prior_std, names(robot.n_cables))

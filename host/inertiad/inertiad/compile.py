@@ -133,16 +133,15 @@ def _fill_calibration(config: robot_config_t, robot: Robot) -> None:
     _, force, position = config.delay
     config.delay = [config.delay[0], force + calibration.force_delay, position + calibration.position_delay]
     left_over = calibration.std.model_dump(exclude_none=True)
-    for key, value in (robot.std.model_dump(exclude={"attitude_wander"}) | left_over).items():
+    for key, value in (robot.std.model_dump() | left_over).items():
         setattr(config, f"std_{key}", value)
 
 
 def _turn_imu(config: robot_config_t, alignment: list[float]) -> None:
-    """Turn the IMU's mounting by a rotation vector, P axes, rad; the attitude it gives stays what it is."""
+    """Turn the IMU's mounting by a rotation vector, P axes, rad, and with it the attitude it gives."""
     turn = Rotation.from_rotvec(alignment)
     orientation = turn * Rotation.from_quat(config.imu_orientation, scalar_first=True)
     config.imu_orientation = orientation.as_quat(scalar_first=True).tolist()
-    config.attitude_bias = (turn * Rotation.from_rotvec(config.attitude_bias)).as_rotvec().tolist()
 
 
 def _fill_estimator(config: robot_config_t, robot: Robot) -> None:

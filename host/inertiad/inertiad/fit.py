@@ -28,8 +28,6 @@ WEAK_PRIOR: Final = 1e4
 """factor on the prior sigmas where there is to be no prior"""
 LAG: Final = 4
 """windows to the instrument: the first that shares no sample"""
-COVERAGE: Final = 1.0
-"""on every sigma, as in batch.hpp"""
 
 
 @dataclass(frozen=True)
@@ -178,7 +176,7 @@ def iv(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate:
         raise InputError("--method iv: the motion does not excite all ten parameters")
     inverse = np.linalg.inv(ZY)
     theta_imu = inverse @ Zy
-    P_imu = COVERAGE**2 * inverse @ noise @ inverse.T
+    P_imu = inverse @ noise @ inverse.T
     e = [(y - Y @ theta_imu) / weight for Y, y, weight in blocks]
     rms = np.sqrt(np.mean(np.concatenate(e) ** 2, axis=0))
     T = np.array([inertiad_core.shift(unit, np.array(robot.imu.position)) for unit in np.eye(10)]).T

@@ -3,8 +3,8 @@
 
     Lambda = sum_k H_k^T C^-1 H_k + P_0^-1        H_k = [Y, -X] of window k, from the C core
     S = E Lambda^-1 E^T                           E: states -> mass, CoG, inertia about it, first order
-C and P_0 are those of the compiled configuration, S is published times COVERAGE^2 with the geometry's share in the CoG,
-as firmware/core/pipeline.c does. The filter replaces C by the noise level it learns, so the sigma that a run reports
+C and P_0 are those of the compiled configuration, S is published with the geometry's share in the CoG, as
+firmware/core/pipeline.c does. The filter replaces C by the noise level it learns, so the sigma that a run reports
 follows from a rehearsal: the core's filter on the planned equations, with the systematic errors of [std], attitude that
 wanders and misplaced cables.
 """
@@ -21,9 +21,6 @@ from inertiad import compile, sensors
 from inertiad.robot import Nominal, Robot
 from inertiad.table import Array
 from inertiad.trajectory import Motion, Trajectory
-
-COVERAGE = 1.25
-"""On every published sigma, as in firmware/core/pipeline.c."""
 
 WANDER_TIME = 20.0
 """s, correlation time of the attitude's wander, which robot.toml does not say"""
@@ -95,7 +92,7 @@ class Model:
 
     def covariance(self, P: Array) -> Array:
         """Published covariance [10, 10] of mass, CoG and inertia from the filter's P [10, 10] about the IMU."""
-        S = COVERAGE**2 * self.E[:, :10] @ P @ self.E[:, :10].T
+        S = self.E[:, :10] @ P @ self.E[:, :10].T
         share = self.robot.std.geometry**2 / self.robot.n_cables
         S[range(1, 4), range(1, 4)] += share
         return S

@@ -57,7 +57,7 @@ gravity                              9.81                 m/s2, along -z of W
 [calibration] world_yaw              0                    rad: true = Rz(yaw) measured
 [calibration] force_offset           zeros                N, one per cable
 [calibration] force_gain             zeros                1: measured = (1 + gain) true + offset
-[calibration] imu_alignment          [0, 0, 0]            rad, P: orientation of [imu] turned by this; attitude stays
+[calibration] imu_alignment          [0, 0, 0]            rad, P: orientation of [imu] turned by this
 [calibration] position_delay,
               force_delay            0                    s, on top of [align]
 [calibration.std] as in [std]                             what `inertiactl calibrate` left over, instead of [std]

@@ -25,7 +25,6 @@ from inertiad.error import InputError
 from inertiad.published import Published, Setup
 from inertiad.robot import Robot
 from inertiad.table import Array
-from inertiad_lcm import robot_config_t
 
 LIVE_TOLERANCE: Final = 1e-9
 """relative, of estimates when live stamps are carried through; 0 from a file"""
@@ -390,35 +389,10 @@ def _check_estimate_file(case: Case, message: Any) -> Check:
     return Check("estimate.json", same, "equals the last message" if same else "differs from the last message")
 
 
-def _prior(case: Case) -> tuple[Array, Array, Array, Array, Array]:
-    """Prior theta about the IMU, its covariance's inverse root, sigma of xi, IMU in P, residual covariance."""
-    config = robot_config_t.decode(case.config_bytes[:-4])
-    d = np.array(config.imu_position)
-    unit = np.eye(10)
-    shift = np.column_stack([np.asarray(inertiad_core.shift(unit[i], d)) for i in range(10)])
-    theta, P = shift @ np.array(config.prior_theta), shift @ np.array(config.prior_covariance) @ shift.T
-    xi_std = np.asarray(inertiad_core.systematic_std(case.config))
-    root = np.linalg.inv(np.linalg.cholesky(P))
-    return theta, root, np.maximum(xi_std, 1e-12), d, np.array(config.residual_covariance)
-
-
 def batch(case: Case, mine: Recomputed) -> Any:
-    """Body by one weighted least squares over all windows with the configuration's priors: numpy, no recursion."""
-    theta0, root, xi_std, d, S = _prior(case)
-    windows = inertiad_core.Windows(case.config, mine.pipeline)
-    whiten = np.linalg.inv(np.linalg.cholesky(S))
-    Y, y = np.asarray(windows.Y), np.asarray(windows.y)
-    theta = theta0
-    for _ in range(4):
-        H = np.concatenate([Y, -np.asarray(windows.X(theta))], axis=2)
-        A = (whiten @ H).reshape(-1, H.shape[2])
-        b = np.einsum("ij,nj->ni", whiten, y).reshape(-1)
-        priors = np.zeros((H.shape[2], H.shape[2]))
-        priors[:10, :10], priors[10:, 10:] = root, np.diag(1.0 / xi_std)
-        right = np.concatenate([root @ theta0, np.zeros(len(xi_std))])
-        x = np.linalg.lstsq(np.vstack([A, priors]), np.concatenate([b, right]), rcond=None)[0]
-        theta = x[:10]
-    return inertiad_core.body(np.asarray(inertiad_core.shift(theta, -d)), np.eye(10))
+    """Body by the joint batch solver over all rows, with the configuration's priors: no recursion."""
+    rows = inertiad_core.rows_of(mine.pipeline)
+    return inertiad_core.batch(case.config, [rows], group=[0], payload=[0.0])["body"][0]
 
 
 def _ten(body: Any) -> Array:
@@ -442,7 +416,7 @@ def _check_batch(case: Case, mine: Recomputed) -> Iterator[Check]:
         return
     body = estimate.of_message(case.published.messages["ESTIMATE"][-1])
     worst, name = _sigmas(np.array(body.value) - other, np.array(body.std))
-    detail = f"weighted least squares gives {other[0]:.3f} kg; farthest is {name}, by {worst:.2f} sigma"
+    detail = f"joint batch gives {other[0]:.3f} kg; farthest is {name}, by {worst:.2f} sigma"
     yield Check("batch fit", worst <= BATCH_SIGMAS, f"{detail}, allowed {BATCH_SIGMAS:g}")
 
 

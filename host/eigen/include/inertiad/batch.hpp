@@ -5,8 +5,10 @@
 /// Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is exact, and
 /// takes [Y, -X] of systematic.h as its derivative. Steps are solved by QR of the whitened, prior-scaled rows. V_run, the
 /// residuals' long-run covariance (Newey, West 1987; noise.h has the idea), is renewed during the first steps.
-/// Where the attachments really are is known to std_geometry: their errors are unknowns too, as soon as xi is estimated; else
-/// a millimetre of them would pass for newtons of offset. Known differences of mass between groups are rows of their own, and so is what a gyro's mean says of its bias beside the
+/// As soon as xi is estimated two more errors are modelled: where the attachments really are, known to std_geometry, is
+/// unknown too, else a millimetre of it would pass for newtons of offset; and the attitude wanders about its bias, see
+/// states.h: a Kalman filter of that alone takes it out of the rows, which then are as independent as their noise. Known
+/// differences of mass between groups are rows of their own, and so is what a gyro's mean says of its bias beside the
 /// attitude. Heap: as much as the data need. No state, any thread.
 #pragma once
 
@@ -19,6 +21,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 namespace inertiad {
@@ -71,21 +74,35 @@ struct BatchResult {
 
 namespace detail {
 
-constexpr double COVERAGE = 1.0;  // on every sigma; the platform needs 1.25 for the attachments, which it cannot model
 constexpr double STATIC_RATE = 0.02;   // rad/s and
 constexpr double STATIC_ALPHA = 0.01;  // rad/s2: below both for
 constexpr int STATIC_WINDOWS = 5;      // windows in a row: rest, as on the platform; here only if
 constexpr double STATIC_TURN = 0.002;  // rad/s, the attitude does not turn either, so that a slow start is no rest
 constexpr int LAGS = 25;
-constexpr double PRIOR_WINDOWS = 20.0;
+constexpr double PRIOR_WINDOWS = 3.0;
+constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever of it wander explains
 constexpr double CONVERGED = 1e-3;   // sigmas
 constexpr double SMALLEST_STD = 1e-12;
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s
+
+using Square6 = Eigen::Matrix<double, 6, 6>;
+using Column6 = Eigen::Matrix<double, 6, 1>;
 
 /// The windows of one run under one calibration.
 struct Linearised {
     std::vector<ipe_average_t> window;
     std::vector<bool> is_rest;
+};
+
+/// Equations of a run's windows: rows [A, b], six each, and d(b)/d(wander) of each window.
+struct Equations {
+    Eigen::MatrixXd rows;
+    std::vector<Eigen::Matrix<double, 6, 3>> turn;
+
+    Column6 residual(std::size_t k) const
+    {
+        return rows.col(rows.cols() - 1).segment<6>(6 * static_cast<Eigen::Index>(k));
+    }
 };
 
 /// rad/s by which the attitude turned over the two windows before k, or none where there are none.
@@ -153,16 +170,17 @@ Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& windo
     return sum;
 }
 
-/// V_run from the residuals and, counting for 20 windows, the configured covariance.
-inline Eigen::Matrix<double, 6, 6> run_covariance(const Config& config, const std::vector<ipe_average_t>& window,
-                                                  const std::vector<Eigen::Matrix<double, 6, 1>>& e)
+/// V_run from the innovations, the part of their variance that wander explains [6], as a sum, and, counting for 3 windows,
+/// the configured covariance.
+inline Square6 run_covariance(const Config& config, const std::vector<ipe_average_t>& window,
+                              const std::vector<Column6>& e, const Column6& explained)
 {
-    const Eigen::Matrix<double, 6, 6> C = Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]);
-    const Eigen::Matrix<double, 6, 6> sum = long_run_sum<6>(window, e);
-    Eigen::Matrix<double, 6, 6> V = C;
+    const Square6 C = Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]);
+    const Square6 sum = long_run_sum<6>(window, e);
+    Square6 V = C;
     for (int i = 0; i < 6; ++i) {
-        const double learnt =
-            (PRIOR_WINDOWS * C(i, i) + std::max(sum(i, i), 0.0)) / (PRIOR_WINDOWS + static_cast<double>(e.size()));
+        const double left = std::max({sum(i, i) - explained[i], LEAST_NOISE * sum(i, i), 0.0});
+        const double learnt = (PRIOR_WINDOWS * C(i, i) + left) / (PRIOR_WINDOWS + static_cast<double>(e.size()));
         const double scale = std::sqrt(std::max(learnt / C(i, i), 1e-4));
         V.row(i) *= scale;
         V.col(i) *= scale;
@@ -184,6 +202,37 @@ inline Eigen::MatrixXd geometry_columns(const ipe_config_t& c, const ipe_average
     }
     return G;
 }
+
+/// The attitude's wander, taken out of equations window by window: a Kalman filter whose measurements are all columns of the
+/// equations at once, since what it would estimate is linear in them.
+class Wander {
+public:
+    Wander(double std, Eigen::Index n_columns) : std_(std), estimate_(Eigen::MatrixXd::Zero(3, n_columns)) {}
+
+    /// Equations [6][n_columns] at t_ns, of which wander makes turn [6][3] times itself, become innovations; returns the
+    /// covariance of wander's part in them. V: of the rest.
+    Square6 take_out(int64_t t_ns, const Eigen::Matrix<double, 6, 3>& turn, const Square6& V,
+                     Eigen::Ref<Eigen::MatrixXd> rows)
+    {
+        const double elapsed = t_ns_ == 0 ? HUGE_VAL : 1e-9 * static_cast<double>(t_ns - t_ns_) / IPE_WANDER_TIME;
+        const double fade = std::exp(-elapsed);
+        t_ns_ = t_ns;
+        estimate_ *= fade;
+        P_ = fade * fade * P_ + std_ * std_ * (1.0 - fade * fade) * Eigen::Matrix3d::Identity();
+        const Square6 part = turn * P_ * turn.transpose();
+        const Eigen::Matrix<double, 3, 6> gain = Square6(part + V).llt().solve(turn * P_).transpose();
+        rows -= turn * estimate_;
+        estimate_ += gain * rows;
+        P_ -= (gain * turn * P_).eval();
+        return part;
+    }
+
+private:
+    double std_;
+    int64_t t_ns_ = 0;
+    Eigen::Matrix3d P_ = Eigen::Matrix3d::Zero();
+    Eigen::MatrixXd estimate_;
+};
 
 /// Rows of a least-squares problem, kept as the triangle of their QR factors: any number of rows in little memory.
 class Triangle {
@@ -213,7 +262,8 @@ private:
     Eigen::MatrixXd R_;
 };
 
-/// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in the equations.
+/// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
+/// the equations.
 struct Problem {
     Problem(const Config& config_, const std::vector<BatchRun>& runs_, const BatchSettings& settings_)
         : config(config_), runs(runs_), settings(settings_), n_groups(static_cast<int>(settings.payload.size()))
@@ -279,42 +329,70 @@ struct Problem {
         return b;
     }
 
-    /// Residuals [6] of a linearised run's windows.
-    std::vector<Eigen::Matrix<double, 6, 1>> residuals(const Linearised& run, int group, const Config& corrected) const
+    /// Rows [A, b] of a run as measured, and what wander does to each window's.
+    Equations equations(const Linearised& run, int group, const Config& corrected) const
     {
-        std::vector<Eigen::Matrix<double, 6, 1>> e;
-        for (const ipe_average_t& a : run.window) {
-            e.push_back(Eigen::Map<const Vector6>(a.y) - regressor(a) * theta[static_cast<std::size_t>(group)]);
-            if (n_geometry > 0) { e.back() += geometry_columns(corrected.c(), a) * geometry; }
+        Equations found;
+        const Theta& x = theta[static_cast<std::size_t>(group)];
+        found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            const ipe_average_t& a = run.window[k];
+            auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            const Regressor Y = regressor(a);
+            block.middleCols<IPE_NP>(IPE_NP * group) = Y;
+            block.col(n) = Eigen::Map<const Vector6>(a.y) - Y * x;
+            found.turn.push_back(Eigen::Matrix<double, 6, 3>::Zero());
+            if (n_geometry > 0) {
+                const Eigen::MatrixXd G = geometry_columns(corrected.c(), a);
+                block.middleCols(at_geometry, n_geometry) = -G;
+                block.col(n) += G * geometry;
+            }
+            if (free.empty()) { continue; }
+            const SystematicColumns X = systematic_columns(corrected, a, x);
+            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            for (std::size_t i = 0; i < free.size(); ++i) {
+                block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
+            }
         }
-        return e;
+        return found;
     }
 
-    /// Whitened rows [A, b] of a run.
-    Eigen::MatrixXd rows(const Linearised& run, int group, const Eigen::Matrix<double, 6, 6>& C,
-                         const Config& corrected) const
+    /// V of a run from its residuals, wander taken out of them by what V was so far.
+    Square6 learnt_covariance(const Linearised& run, const Equations& measured, const Square6& V_before) const
     {
-        const Eigen::Matrix<double, 6, 6> L = C.llt().matrixL();
-        const auto e = residuals(run, group, corrected);
-        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(e.size()), n + 1);
-        for (std::size_t k = 0; k < e.size(); ++k) {
-            auto block = Ab.middleRows(6 * static_cast<Eigen::Index>(k), 6);
-            block.middleCols(IPE_NP * group, IPE_NP) = regressor(run.window[k]);
-            if (!free.empty()) {
-                const SystematicColumns X =
-                    systematic_columns(corrected, run.window[k], theta[static_cast<std::size_t>(group)]);
-                for (std::size_t i = 0; i < free.size(); ++i) {
-                    block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
-                }
-            }
-            if (n_geometry > 0) {
-                block.middleCols(at_geometry, n_geometry) = -geometry_columns(corrected.c(), run.window[k]);
-            }
-            block.col(n) = e[k];
+        Wander wander(wander_std(), 1);
+        std::vector<Column6> innovation;
+        Column6 explained = Column6::Zero();
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            Eigen::MatrixXd e = measured.residual(k);
+            explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
+            innovation.push_back(e);
+        }
+        return run_covariance(config, run.window, innovation, explained);
+    }
+
+    /// The run's rows as independent ones of unit variance.
+    Eigen::MatrixXd whitened(const Linearised& run, Equations measured, const Square6& C) const
+    {
+        Wander wander(wander_std(), n + 1);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            const Square6 part = wander.take_out(run.window[k].t_ns, measured.turn[k], C, block);
+            const Square6 L = Square6(part + C).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
         }
-        return scaled(Ab);
+        return scaled(measured.rows);
     }
+
+    /// Independent values in the band that the long-run variance is made of: its Bartlett weights count for 2/3 of their length.
+    double n_independent(const std::vector<BatchFit>& of) const
+    {
+        double n_windows = PRIOR_WINDOWS;
+        for (const BatchFit& f : of) { n_windows += static_cast<double>(f.n_windows); }
+        return 6.0 * n_windows / (2.0 / 3.0 * (LAGS + 1));
+    }
+
+    double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
 
     Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
     {
@@ -385,33 +463,37 @@ struct Problem {
     double step(bool is_weight_renewed)
     {
         Triangle triangle(n);
-        fit.clear();
+        const std::vector<BatchFit> before = std::exchange(fit, {});
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
             Linearised run = linearise(config, *runs[r].rows, xi);
             const Eigen::MatrixXd gyro = gyro_rows(run.window);
             gate_rest(run);
-            const auto e = residuals(run, runs[r].group, corrected);
-            if (is_weight_renewed) { V[r] = run_covariance(config, run.window, e); }
-            note(run, r, e);
-            if (!e.empty()) { triangle.add(rows(run, runs[r].group, V[r], corrected)); }
+            const Equations measured = equations(run, runs[r].group, corrected);
+            if (is_weight_renewed) {
+                V[r] = (1.0 + n_told / n_independent(before)) * learnt_covariance(run, measured, V[r]);
+            }
+            note(run, r, measured);
+            if (!run.window.empty()) { triangle.add(whitened(run, measured, V[r])); }
             if (gyro.rows() > 0) { triangle.add(gyro); }
         }
         triangle.add(prior());
         const Eigen::VectorXd u = triangle.solve();
         const Eigen::MatrixXd unit = triangle.covariance();
         P = scale.asDiagonal() * unit * scale.asDiagonal();
+        n_told = static_cast<double>(n) - unit.trace();
         move(scale.cwiseProduct(u));
         return (u.array().abs() / unit.diagonal().array().sqrt()).maxCoeff();
     }
 
-    void note(const Linearised& run, std::size_t r, const std::vector<Eigen::Matrix<double, 6, 1>>& e)
+    void note(const Linearised& run, std::size_t r, const Equations& measured)
     {
         Vector6 sum = Vector6::Zero();
-        for (const auto& v : e) { sum += v.cwiseAbs2(); }
+        const std::size_t n_windows = run.window.size();
+        for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
         const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
-        fit.push_back({runs[r].rows->size(), e.size(), n_rest,
-                       (sum / std::max<double>(1.0, static_cast<double>(e.size()))).cwiseSqrt(),
+        fit.push_back({runs[r].rows->size(), n_windows, n_rest,
+                       (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt(),
                        V[r].diagonal().cwiseSqrt()});
     }
 
@@ -433,7 +515,9 @@ struct Problem {
     std::vector<Theta> prior_mean, theta;
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
-    std::vector<Eigen::Matrix<double, 6, 6>> V;
+    std::vector<Square6> V;
+    double n_told =
+        0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };
@@ -444,7 +528,7 @@ inline BatchBody publish(const Problem& problem, int group)
     const ipe_config_t& c = problem.config.c();
     BatchBody b{};
     b.theta = problem.theta[static_cast<std::size_t>(group)];
-    b.P = COVERAGE * COVERAGE * problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group);
+    b.P = problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group);
     ipe_body_shift(c.imu_position, b.theta.data(), as_array(b.P));
     b.is_consistent = ipe_consistency_check(b.theta.data());
     if (!ipe_consistency_project(b.theta.data(), as_array(b.P), b.theta_possible.data(), &b.distance)) {
@@ -482,7 +566,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     result.fit = problem.fit;
     result.free = problem.free;
     result.prior_std = problem.scale;
-    result.P = detail::COVERAGE * detail::COVERAGE * problem.P;
+    result.P = problem.P;
     result.xi = problem.xi;
     result.xi_std = problem.std_xi;
     for (std::size_t i = 0; i < problem.free.size(); ++i) {

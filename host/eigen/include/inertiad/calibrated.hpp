@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Systematic corrections xi applied exactly: to the configuration, and to rows where a sensor is late.
 ///
-///   attitude    R_true = R exp(xi)                  attitude_bias = log(exp(align) exp(bias) exp(xi))
+///   attitude    R_true = R exp(xi)                  attitude_bias = log(exp(bias) exp(xi))
 ///   yaw         R_true = Rz(xi) R                   world_yaw += xi
-///   alignment   s_true = exp(align) s               imu_orientation = exp(align) imu_orientation, R unchanged
+///   alignment   R_PI_true = exp(align) R_PI         imu_orientation = exp(align) imu_orientation
 ///   delays      a value stamped t was measured at t - delay: the row at t gets what is stamped t + delay
 ///   the rest    added to the calibration
 /// The order of xi is that of systematic.h.
@@ -41,7 +41,7 @@ inline Config calibrated(const Config& config, const Eigen::VectorXd& xi)
     const Vector3 align = xi.segment<3>(IPE_XI_ALIGNMENT);
     const Eigen::Map<const Vector3> bias(config.c().attitude_bias);
     const double* q = config.c().imu_orientation;
-    const Eigen::Matrix3d turned = rotation(align) * rotation(bias) * rotation(xi.segment<3>(IPE_XI_ATTITUDE));
+    const Eigen::Matrix3d turned = rotation(bias) * rotation(xi.segment<3>(IPE_XI_ATTITUDE));
     Eigen::Map<Vector3>{c.attitude_bias} = rotation_vector(turned);
     const Eigen::Quaterniond o = Eigen::Quaterniond(rotation(align)) * Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
     Eigen::Map<Eigen::Vector4d>{c.imu_orientation} = Eigen::Vector4d(o.w(), o.x(), o.y(), o.z()).normalized();

@@ -9,6 +9,7 @@
 #include <vector>
 
 extern "C" {
+#include "states.h"
 #include "systematic.h"
 #include "window.h"
 #include "wrench.h"
