@@ -9,9 +9,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#define STATIC_RATE 0.02           // rad/s and
-#define STATIC_ALPHA 0.01          // rad/s2: below both for
-#define STATIC_WINDOWS 5           // windows in a row the platform rests, and after
+#define STATIC_RATE 0.02   // rad/s and
+#define STATIC_ALPHA 0.01  // rad/s2: below both for
+#define STATIC_WINDOWS 5   // windows in a row the platform rests, and after
+#define MOTION_STEP 10     // windows of rest that one of motion outweighs
+#define REST_NIS 50.0  // at rest only this is news: what is not followed wanders for many windows, a CUSUM would sum it
 #define REST_WINDOWS 50            // more it has told what it can: the next would only be taken for new evidence
 #define LEARNING_WINDOWS 50        // of the noise, before an innovation can be called too large
 #define PRIOR_INTERVAL 50          // excited windows between two foldings of the prior
@@ -139,7 +141,9 @@ ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const d
 static int count_rest(ipe_pipeline_t* p, const ipe_average_t* average)
 {
     const bool is_slow = vec3_norm(average->w) < STATIC_RATE && vec3_norm(average->alpha) < STATIC_ALPHA;
-    p->n_slow = !is_slow ? 0 : p->n_slow <= STATIC_WINDOWS + REST_WINDOWS ? p->n_slow + 1 : p->n_slow;
+    const int longest = STATIC_WINDOWS + REST_WINDOWS + MOTION_STEP;  // a noisy window among many at rest is no motion
+    p->n_slow = is_slow ? (p->n_slow < longest ? p->n_slow + 1 : longest)
+                        : (p->n_slow > MOTION_STEP ? p->n_slow - MOTION_STEP : 0);
     return p->n_slow > STATIC_WINDOWS ? p->n_slow - STATIC_WINDOWS : 0;
 }
 
@@ -261,9 +265,9 @@ static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* averag
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&p->rls, H, average->y, innovation, S);
     *nis = ipe_detect_nis(innovation, S, p->noise.L);
+    if (n_rest > REST_WINDOWS && !(*nis > REST_NIS)) { return IPE_OK; }
     const ipe_detect_verdict_t verdict = judge(p, *nis);  // innovation -> same payload?
     if (verdict == IPE_DETECT_HOLD) { return IPE_NOT_READY; }
-    if (verdict == IPE_DETECT_USE && n_rest > REST_WINDOWS) { return IPE_OK; }
     if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
     if (n_rest == 0) { forget(p, 0.25 * average->length); }
     status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, &unused);  // rows -> states, P
