@@ -6,7 +6,8 @@ build/vcan/robot_timed: a whole run whose samples all carry their device time, s
 frames late does not spoil the estimate;
 build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again, at
 50 Hz, so that the daemon's ring of samples outlasts the stalls of an emulated machine;
-build/vcan/devices: 10 s of real sensors on two buses.
+build/vcan/devices: 10 s of real sensors on two buses;
+build/vcan/faults: one run per fault of scenarios.py, laid out as frames with the time they are due.
 """
 
 import math
@@ -14,6 +15,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import scenarios
 
 TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"
@@ -69,3 +72,4 @@ if __name__ == "__main__":
     make_run("golden", "robot_fd.toml", "--trajectory", swing, "--rate", "50", "--faults", "modern", "--seed", "1")
     write_estimate(RUNS / "golden/run")
     make_run("robot_fd", "robot_fd.toml", "--trajectory", "hold", "--duration", "2")
+    scenarios.write(RUNS / "faults")
