@@ -9,12 +9,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define STATIC_RATE 0.02   // rad/s and
-#define STATIC_ALPHA 0.01  // rad/s2: below both for
-#define STATIC_WINDOWS 5   // windows in a row the platform rests, and after
-#define MOTION_STEP 10     // windows of rest that one of motion outweighs
 #define REST_NIS 50.0  // at rest only this is news: what is not followed wanders for many windows, a CUSUM would sum it
-#define REST_WINDOWS 50            // more it has told what it can: the next would only be taken for new evidence
+#define REST_WINDOWS 50            // more a pose has told what it can: the next would only be taken for new evidence
 #define LEARNING_WINDOWS 50        // of the noise, before an innovation can be called too large
 #define PRIOR_INTERVAL 50          // excited windows between two foldings of the prior
 #define CHANGE_SHARE (1.0 / 12.0)  // of what the cables can lift: sigma of a new payload
@@ -137,16 +133,6 @@ ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const d
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }
 
-/// How long the platform has been at rest, in windows; 0: it moves.
-static int count_rest(ipe_pipeline_t* p, const ipe_average_t* average)
-{
-    const bool is_slow = vec3_norm(average->w) < STATIC_RATE && vec3_norm(average->alpha) < STATIC_ALPHA;
-    const int longest = STATIC_WINDOWS + REST_WINDOWS + MOTION_STEP;  // a noisy window among many at rest is no motion
-    p->n_slow = is_slow ? (p->n_slow < longest ? p->n_slow + 1 : longest)
-                        : (p->n_slow > MOTION_STEP ? p->n_slow - MOTION_STEP : 0);
-    return p->n_slow > STATIC_WINDOWS ? p->n_slow - STATIC_WINDOWS : 0;
-}
-
 /// Use, hold back or take as a change of payload. Until the noise is known nothing can be told from it.
 static ipe_detect_verdict_t judge(ipe_pipeline_t* p, double nis)
 {
@@ -171,7 +157,7 @@ static void loosen_theta(ipe_pipeline_t* p)
     change_std(&p->config, std);
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&p->rls, i, std[i] * std[i]); }
     ipe_noise_restart(&p->noise);
-    p->n_slow = 0;
+    ipe_still_restart(&p->still);
 }
 
 /// Fold the prior in again with the weight that forgetting took from it, so that P never exceeds it.
@@ -260,7 +246,7 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
 static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* average, double* nis)
 {
     double H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], unused;
-    const int n_rest = count_rest(p, average);
+    const int n_rest = ipe_still_push(&p->still, &p->config, average);
     ipe_status_t status = build_equations(p, average, H);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&p->rls, H, average->y, innovation, S);
@@ -325,7 +311,7 @@ void ipe_pipeline_reset(ipe_pipeline_t* p)
     (void)init_filter(p);  // cannot fail: it did not with the same configuration
     memset(&p->estimate, 0, sizeof p->estimate);
     p->n_excited = 0;
-    p->n_slow = 0;
+    ipe_still_restart(&p->still);
 }
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])

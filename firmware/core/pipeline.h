@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// CAN frames and tracker positions in, the ten inertial parameters out.
 ///
-///   frame --> decode --> group --> stuck --> clock, pace --> align --> wrench --> window --> regressor, systematic, states
+///   frame --> decode --> group --> stuck --> clock, pace --> align --> wrench --> window --> still, regressor, systematic, states
 ///         --> noise, rls --> body, consistency
 ///
 /// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
@@ -19,6 +19,7 @@
 #include "pace.h"
 #include "rls.h"
 #include "states.h"
+#include "still.h"
 #include "stuck.h"
 #include "types.h"
 #include "window.h"
@@ -67,8 +68,8 @@ typedef struct {
     ipe_rls_t rls;
     ipe_noise_t noise;
     ipe_detect_t detect;
+    ipe_still_t still;
     uint64_t n_excited;  ///< windows not at rest
-    int n_slow;          ///< windows in a row that may be rest
     ipe_estimate_t estimate;
     uint64_t n_rows;     ///< aligned rows that entered the window
     uint64_t n_refused;  ///< estimates not published because a value was not finite

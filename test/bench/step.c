@@ -123,7 +123,9 @@ static void align_all(void)
     static ipe_align_t align;
     static ipe_clock_t clock_of[IPE_SENSOR_COUNT];
     ipe_align_init(&align, &config);
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { ipe_clock_init(&clock_of[s], 4294.967296); }
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        ipe_clock_init(&clock_of[s], ipe_config_wrap(&config, IPE_Q_IMU_TIME + s), IPE_CLOCK_RATE_SPAN);
+    }
     n_rows = 0;
     for (size_t i = 0; i < n_arrivals; ++i) {
         const ipe_reading_t* r = &arrival[i].reading;
@@ -227,7 +229,8 @@ static void print_sizes(void)
     } size[] = {
         {"config", sizeof pipeline.config}, {"decode", sizeof pipeline.decode}, {"group", sizeof pipeline.group},
         {"clock", sizeof pipeline.clock},   {"align", sizeof pipeline.align},   {"wrench", sizeof pipeline.wrench},
-        {"window", sizeof pipeline.window}, {"noise", sizeof pipeline.noise},   {"rls", sizeof pipeline.rls},
+        {"window", sizeof pipeline.window}, {"noise", sizeof pipeline.noise},   {"states", sizeof pipeline.states},
+        {"rls", sizeof pipeline.rls},
     };
     printf("  state %zu B:", sizeof pipeline);
     for (size_t i = 0; i < sizeof size / sizeof size[0]; ++i) { printf(" %s %zu", size[i].name, size[i].bytes); }

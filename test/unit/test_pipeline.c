@@ -230,6 +230,32 @@ static void test_step_rest_does_not_wear_the_estimate(void)
     TEST_ASSERT_UINT64_WITHIN(30, excited, pipeline.n_excited);  // 3000 windows of rest, hardly one forgotten
 }
 
+static void test_step_payload_laid_on_at_rest_is_noticed_and_weighed(void)
+{
+    double loaded[IPE_NP], load[IPE_NP] = {30.0};  // given: identified, then 20 s of rest, of which the first are used
+    const double on_top[3] = {0.1, 0.0, 0.3};
+    ipe_body_shift(on_top, load, NULL);
+    for (int i = 0; i < IPE_NP; ++i) { loaded[i] = truth[i] + load[i]; }
+    uint64_t used = 0;
+    for (int k = 10000; k < 50000; ++k) {
+        if (k == 20000) { k += 200; }  // so that stopping is no jump within a window
+        const bool is_loaded = k >= 40000;
+        ideal_t x = k < 20000 ? sample[k] : rest_at(&config, 20.0, is_loaded ? loaded : truth);
+        for (int i = 0; i < 3; ++i) { x.gyro[i] += 3e-3 * normal(&seed), x.acc[i] += 0.02 * normal(&seed); }
+        for (int i = 0; i < 8; ++i) { x.f[i] += normal(&seed); }
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+        if (k == 30000) { used = counter("rls.updates"); }
+        if (k == 39999) {
+            TEST_ASSERT_EQUAL_UINT64(used, counter("rls.updates"));
+            TEST_ASSERT_EQUAL_UINT64(0, counter("detect.changes"));
+        }
+    }  // when: 30 kg more for 10 s
+    TEST_ASSERT_GREATER_THAN_UINT64(0, counter("detect.changes"));  // then
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, 191.058, pipeline.estimate.body.mass);
+    TEST_ASSERT_UINT64_WITHIN(15, used + 55, counter("rls.updates"));
+}
+
 static void test_freeze_keeps_the_estimate_until_it_is_lifted(void)
 {
     (void)run(&pipeline, 0, 3000);  // given
@@ -533,6 +559,7 @@ int main(void)
     RUN_TEST(test_step_slow_forces_and_position_still_find_the_body);
     RUN_TEST(test_step_payload_picked_up_is_noticed_and_followed);
     RUN_TEST(test_step_rest_does_not_wear_the_estimate);
+    RUN_TEST(test_step_payload_laid_on_at_rest_is_noticed_and_weighed);
     RUN_TEST(test_freeze_keeps_the_estimate_until_it_is_lifted);
     RUN_TEST(test_reset_learns_again_from_the_prior);
     RUN_TEST(test_continue_goes_on_where_the_other_stopped);
