@@ -24,6 +24,9 @@ ISOLATED = [
 ]
 """before a command: a network of its own, in which LCM works"""
 
+AFTER_IMU = 4 * 111e-6
+"""s by which CoGiRo's forces are stamped later than its IMU, four frames of 111 bit after it on a bus of 1 Mbit/s"""
+
 MINIMAL = """
 name = "four"
 [cables]

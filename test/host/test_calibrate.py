@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import AFTER_IMU
 
 import inertiad_core
 from inertiad import calibrate, fit, runs
@@ -28,10 +29,6 @@ def recordings() -> list[Recording]:
 def _calibrated(recordings: list[Recording], payloads: dict[Path, float]) -> calibrate.Calibration:
     robot = recordings[0].robot
     return calibrate.calibrate(robot, runs.config_of(robot, ""), recordings, payloads)
-
-
-AFTER_IMU = 4 * 111e-6
-"""s by which forces are stamped later than the IMU, four frames of 111 bit after it on a bus of 1 Mbit/s"""
 
 
 def _truth(recording: Recording) -> np.ndarray:

@@ -146,7 +146,7 @@ def test_scaled_signal_with_a_mistake_is_named(tmp_path, keys, message):
 @given(
     scale=st.floats(1e-6, 1e6) | st.floats(-1e6, -1e-6),
     offset=st.floats(-1e3, 1e3),
-    raw=st.integers(0, 65535),
+    raw=st.integers(1, 65534),
 )
 def test_scaled_signal_is_the_dbc_value_times_scale_plus_offset(scale, offset, raw):
     data = description.read_data(COGIRO / "robot.toml")

@@ -148,7 +148,7 @@ def test_daemon_reads_the_devices_on_two_buses_and_finds_the_truth(name: str, se
     n_imu = sent.count(sent[0])
     for sensor in ("imu", "force"):
         assert counted[f"group.{sensor}.complete"] == n_imu
-        assert counted[f"group.{sensor}.incomplete"] == counted[f"group.{sensor}.duplicate"] == 0
+        assert counted[f"group.{sensor}.incomplete"] == counted[f"group.{sensor}.duplicate_frames"] == 0
     assert counted["clock.imu.steps"] == 0
     found, truth = json.loads(estimate.read_text()), json.loads((tmp_path / "truth.json").read_text())
     assert found["consistent"]

@@ -281,8 +281,8 @@ def test_second_sender_is_counted_and_left_out():
 
 def test_peer_that_hangs_or_goes_is_connected_anew(monkeypatch):
     monkeypatch.setattr(record, "SILENT", 0.3)
-    server = socket.create_server(("127.0.0.1", 5012))
-    source = record.open_input("tcp:127.0.0.1:5012")
+    server = socket.create_server(("127.0.0.1", 0))
+    source = record.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
 
     def serve() -> None:
         hanging, _ = server.accept()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import COGIRO, TOP
+from conftest import AFTER_IMU, COGIRO, TOP
 from scipy.spatial.transform import Rotation
 
 from inertiad import delay, header, sync, trajectory
@@ -106,6 +106,7 @@ def test_sync_finds_delays_edges_clock_and_cost(run, tmp_path):
     assert result.returncode == 0, result.stderr
     print(result.stdout)
     found, truth = (json.loads(p.read_text()) for p in (tmp_path / "sync.json", run / "truth.json"))
+    truth["force_delay"] += AFTER_IMU
     for name in ("position_delay", "force_delay"):
         assert found[name]["value"] == pytest.approx(truth[name], abs=3.0 * found[name]["std"])
     assert found["position_delay"]["std"] < 3e-4

@@ -147,6 +147,7 @@ _OF_CHANNEL: Final[dict[str, tuple[str, Callable[[list[Any]], Sheet]]]] = {
     "EVENT": ("event_t", _events),
     "HEALTH": ("health_t", _health),
 }
+_NO_SHEET: Final = ("RAW", "CONFIG", "HOST", "COMMAND")  # frames, settings, the machine; answers to commands are events
 
 
 def of_lcm(path: Path, prefix: str, remarks: list[str]) -> dict[str, Sheet]:
@@ -160,7 +161,7 @@ def of_lcm(path: Path, prefix: str, remarks: list[str]) -> dict[str, Sheet]:
         if event.channel.startswith(prefix) and name in _OF_CHANNEL:
             kind = getattr(inertiad_lcm, _OF_CHANNEL[name][0])
             found.setdefault(name, []).append(lcmlog.decode(kind, event, path))
-        elif event.channel not in (f"{prefix}RAW", f"{prefix}CONFIG"):
+        elif not (event.channel.startswith(prefix) and name in _NO_SHEET):
             n_other += 1
     if n_other:
         remarks.append(f"{path}: {n_other} messages of other channels than {prefix}... left out")
