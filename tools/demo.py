@@ -22,7 +22,7 @@ from rich.table import Table
 from inertiad import paper
 from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS, Body, errors, of_message, read, read_json, read_truth
-from inertiad.watch import DEFAULT_URL, connect
+from inertiad.network import DEFAULT_URL, connect
 from inertiad_lcm import estimate_t
 
 matplotlib.use("Agg")

@@ -13,15 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import TOP
+from conftest import ISOLATED, TOP
 
 from inertiad import instrument, lcmlog, record, tracker_csv
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Parser, Sample
 from inertiad_lcm import tracker_t
 
-ROUTE = 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
-ISOLATED = ["unshare", "-n", "sh", "-c", ROUTE, "-"]
 STRUCT = Layout("struct", ("frame", "t", "x", "y", "z"), struct="<Id3d")
 LAYOUTS = [Layout("text"), STRUCT, *(Layout(name) for name in ("spatialanalyzer", "emscon", "dtrack", "natnet"))]
 RATE, SECONDS = 238.0, 2.0

@@ -10,14 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import TOP
+from conftest import ISOLATED, TOP
 
 import inertiad_replay
 from inertiad import replay
 from inertiad_lcm import tracker_t
-
-ROUTE = 'ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
-ISOLATED = ["unshare", "-n", "sh", "-c", ROUTE, "-"]
 
 
 @pytest.fixture

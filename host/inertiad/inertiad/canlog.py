@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import inertiad_replay
 from inertiad.error import InputError
+from inertiad.network import DEFAULT_PREFIX
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 """bits of an identifier in SocketCAN's layout"""
@@ -151,7 +152,7 @@ def _raw_rows(path: Path, prefix: str, remarks: list[str]) -> Iterator[Row]:
             yield f.t_ns, f.can_id & 0xFFFFFFFF, f.flags & 0xFF, bytes(f.data), f"can{f.bus}", f.length
 
 
-def read_lcm(path: Path, prefix: str = "INERTIAD_") -> CanLog:
+def read_lcm(path: Path, prefix: str = DEFAULT_PREFIX) -> CanLog:
     """The frames of an LCM log's RAW messages."""
     remarks: list[str] = []
     rows = list(_raw_rows(path, prefix, remarks))

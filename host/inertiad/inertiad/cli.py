@@ -15,6 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from inertiad.error import InputError
+from inertiad.network import DEFAULT_PREFIX, DEFAULT_URL
 
 HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -30,6 +31,8 @@ app = typer.Typer(
 
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot description, robot.toml.")]
 RunFolder = Annotated[Path, typer.Option("-o", "--output", metavar="RUN", help="Run folder to write.")]
+Url = Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")]
+Prefix = Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")]
 
 
 @contextmanager
@@ -204,8 +207,8 @@ def excite(
 
 @app.command(epilog="Example: inertiactl watch --seconds 10")
 def watch(
-    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
-    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+    url: Url = DEFAULT_URL,
+    prefix: Prefix = DEFAULT_PREFIX,
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
 ) -> None:
     """Show the daemon's estimate with its standard deviations, buses, latencies, losses and events, live."""
@@ -220,8 +223,8 @@ def command(
     argument: Annotated[
         str | None, typer.Argument(metavar="[FILE|TEXT]", help="FILE of configure, TEXT of mark.")
     ] = None,
-    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
-    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+    url: Url = DEFAULT_URL,
+    prefix: Prefix = DEFAULT_PREFIX,
     patience: Annotated[
         float, typer.Option("--wait", metavar="S", min=0.0, help="Wait this long for an answer.")
     ] = 3.0,
@@ -261,8 +264,8 @@ def replay(
             "dtrack=udp:127.0.0.1:5000, formats and addresses as in record.",
         ),
     ] = None,
-    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
-    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+    url: Url = DEFAULT_URL,
+    prefix: Prefix = DEFAULT_PREFIX,
 ) -> None:
     """Play a run again as it was recorded: frames to CAN or stdout, tracker positions as LCM messages."""
     from inertiad import replay as replayer
@@ -433,7 +436,7 @@ def verify(
         Path | None, typer.Option(metavar="FILE", help="Verify this robot.cfg instead of compiling robot.toml.")
     ] = None,
     daemon: Annotated[Path | None, typer.Option(metavar="FILE", help="Another inertiad than build/bin's.")] = None,
-    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
+    url: Url = DEFAULT_URL,
     latency_max: Annotated[float, typer.Option(metavar="S", help="p99 allowed, frame's stamp to message.")] = 0.1,
 ) -> None:
     """Run the daemon on a recorded run and check line by line what it does. Exit code 1: a check failed."""
@@ -475,8 +478,8 @@ def record(
         str, typer.Option(metavar="REGEX", help="LCM channels to log; default: all with the prefix, POSE too.")
     ] = "",
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
-    url: Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")] = "udpm://239.255.76.67:7667?ttl=0",
-    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")] = "INERTIAD_",
+    url: Url = DEFAULT_URL,
+    prefix: Prefix = DEFAULT_PREFIX,
 ) -> None:
     """Record a laser tracker or motion capture system: publish TRACKER, write tracker.csv and run.lcmlog.
 
@@ -506,7 +509,7 @@ def export_command(
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where the run has none.")
     ] = None,
-    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix in an .lcmlog.")] = "INERTIAD_",
+    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix in an .lcmlog.")] = DEFAULT_PREFIX,
 ) -> None:
     """Write a run for other tools: signals, tracker, estimates, frames, events, health, all with units.
 

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from inertiad import watch
+from inertiad import network
 from inertiad.error import InputError
 from inertiad_lcm import command_t, event_t
 
@@ -56,7 +56,7 @@ def make(name: str, argument: str | None) -> command_t:
 
 
 def send(message: command_t, url: str, prefix: str, patience: float) -> Answer | None:
-    """Send a command, wait so many seconds for its answer; None: nobody answered. InputError: see watch.connect()."""
+    """Send a command, wait so many seconds for its answer; None: nobody answered. InputError: see network.connect()."""
     answers: list[Answer] = []
 
     def on_event(_channel: str, data: bytes) -> None:
@@ -64,7 +64,7 @@ def send(message: command_t, url: str, prefix: str, patience: float) -> Answer |
         if event.kind != event_t.NEWS and (event.sender, event.command) == (message.sender, message.sequence):
             answers.append(Answer(event.kind == event_t.DONE, event.text))
 
-    bus = watch.connect(url)
+    bus = network.connect(url)
     bus.subscribe(f"{prefix}EVENT", on_event)
     message.t_ns = time.time_ns()
     bus.publish(f"{prefix}COMMAND", message.encode())

@@ -244,7 +244,7 @@ def signal_columns(robot: Robot) -> list[str]:
     return ["t", *sensors, *quantity.forces(robot.n_cables)]
 
 
-def _with_attitude(signals: Table) -> Table:
+def with_attitude(signals: Table) -> Table:
     """The table with both a quaternion and roll, pitch, yaw, from whichever it has."""
     columns = dict(signals.columns)
     if all(name in columns for name in quantity.QUATERNION):
@@ -266,7 +266,7 @@ def _with_attitude(signals: Table) -> Table:
 
 def read_signals(path: Path, robot: Robot) -> Table:
     """A signals CSV, complete for the robot. InputError: see table.read(), or a column is missing."""
-    signals = _with_attitude(table.read(path, signal_columns(robot)))
+    signals = with_attitude(table.read(path, signal_columns(robot)))
     if signals.t[0] < 0.0:
         raise InputError(f"{path}: t = {signals.t[0]:g} s: allowed: 0 and later")
     for name in (*dbc.required(robot), *robot.signals):

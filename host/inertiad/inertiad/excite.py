@@ -300,7 +300,7 @@ def _excess_of(checker: Checker, q: Array, motion: Motion, f: Array) -> Array:
     scale = max(2.0 * checker.model.body.mass * checker.model.robot.gravity / m, 1.0)
     g[:, : 2 * m] = np.hstack([low - f, f - high]) / scale
     at = checker.names.index("speed of the platform")
-    g[:, at : at + 4] = np.column_stack(checker._moving(motion))
+    g[:, at : at + 4] = np.column_stack(checker.moving(motion))
     return g
 
 
@@ -407,7 +407,7 @@ def move_time(checker: Checker, start: Array, end: Array) -> float:
     for seconds in np.arange(1.0, 60.0, 0.25):
         path = Moves(np.array([start, end]), [float(seconds)], 0.0)
         _, motion = sampled(path, FINE_RATE)
-        if max(g.max() for g in checker._moving(motion)) <= -0.05 and _turns_gently(motion):
+        if max(g.max() for g in checker.moving(motion)) <= -0.05 and _turns_gently(motion):
             return float(seconds)
     raise InputError("no move between the poses within 60 s keeps the limits of speed and acceleration")
 

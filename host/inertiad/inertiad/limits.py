@@ -127,7 +127,8 @@ class Checker:
         high = np.array([c.tension_max for c in robot.cable])
         return mechanics.even_pull(W, wrench, np.clip(np.full(robot.n_cables, share), low, high))
 
-    def _moving(self, motion: Motion) -> list[Array]:
+    def moving(self, motion: Motion) -> list[Array]:
+        """Excess [N] of speed of P, speed of the target, acceleration of P and of the target, in that order."""
         target = np.array(self.model.robot.tracker.target)
         w = motion.omega
         spin = np.cross(w, np.broadcast_to(target, w.shape))
@@ -174,7 +175,7 @@ class Checker:
             (limits.low - q[:, :3]) / size,
             (q[:, :3] - limits.high) / size,
         ]
-        moving = [g[:, None] for g in (tilt, yaw, *self._moving(motion))]
+        moving = [g[:, None] for g in (tilt, yaw, *self.moving(motion))]
         distances = self._distances(_first(motion, len(q) if n_poses is None else n_poses))
         if n_poses is not None:
             repeated = distances[: n_poses // 7]

@@ -19,7 +19,7 @@ from typing import Any, Final
 import lcm
 import numpy as np
 
-from inertiad import canlog, lcmlog, replay, tracker_csv, watch
+from inertiad import canlog, lcmlog, network, replay, tracker_csv
 from inertiad.canlog import CanLog
 from inertiad.error import InputError
 from inertiad.lcmlog import Event
@@ -158,7 +158,7 @@ class _Collector(threading.Thread):
         self.counters: dict[str, int] = {}
         self.heard = time.monotonic()
         self._is_over = threading.Event()
-        self._link: lcm.LCM = watch.connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
+        self._link: lcm.LCM = network.connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
         subscription = self._link.subscribe(f"{PREFIX}.*", self._take)
         subscription.set_queue_capacity(QUEUE)
 

@@ -135,7 +135,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
 
 
 def _read_signals(file: Path, robot: Robot) -> Recording:
-    signals = encode._with_attitude(table.read(file, encode.signal_columns(robot)))
+    signals = encode.with_attitude(table.read(file, encode.signal_columns(robot)))
     for name in (quantity.QUATERNION[0], *quantity.forces(robot.n_cables)):
         if name not in signals.columns:
             wanted = "roll,pitch,yaw or q_w,q_x,q_y,q_z" if name == quantity.QUATERNION[0] else name
