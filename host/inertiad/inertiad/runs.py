@@ -8,7 +8,7 @@ CSV lacks, rates or specific force, is derived from the other columns; see sourc
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,7 +19,12 @@ from inertiad.error import InputError
 from inertiad.robot import Robot
 from inertiad.table import Array, Table
 
-LOST = ("align.force.missing", "align.force.late", "align.position.missing", "align.position.late", "align.overrun")
+REJECTED: Final = (
+    *("align.force.missing", "align.force.late", "align.position.missing", "align.position.late", "align.overrun"),
+    *("align.imu.backwards", "align.imu.duplicate", "align.imu.not_finite", "align.imu.bad_quaternion"),
+    *("pace.imu.dropped", "stuck.imu.refused", "wrench.bad_geometry", "window.backwards"),
+)
+"""counters of rows lost or refused, as the daemon's estimate.json adds them up"""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class Recording:
     """inertiad_core.Rows"""
     n_frames: int
     n_rejected: int
+    """rows lost or refused, all causes"""
     counters: dict[str, int]
     notes: tuple[str, ...] = ()
     """what was derived, in words"""
@@ -82,7 +88,7 @@ def _read_folder(folder: Path, robot: Robot) -> Recording:
         raise InputError(f'{tracker}: not there, but position.source = "tracker"')
     pipeline = play(folder, robot, str(folder), tracker if needs_tracker else None)
     counters = {k: int(v) for k, v in pipeline.counters.items()}
-    rejected = sum(counters[name] for name in (*LOST, "wrench.bad_geometry"))
+    rejected = sum(counters[name] for name in REJECTED)
     return Recording(folder, robot, inertiad_core.rows_of(pipeline), counters["decode.frames"], rejected, counters)
 
 
@@ -113,7 +119,7 @@ def _read_lcm(log: Path, robot: Robot) -> Recording:
     health = _messages(log, "HEALTH", health_t)
     counters = {c.name: c.value for c in health[-1].counter} if health else {}
     t_ns = np.array([row.t_ns for row in rows], dtype=np.int64)
-    rejected = sum(counters.get(name, 0) for name in (*LOST, "wrench.bad_geometry"))
+    rejected = sum(counters.get(name, 0) for name in REJECTED)
     return Recording(
         log, robot, inertiad_core.Rows(t_ns, *columns), counters.get("decode.frames", 0), rejected, counters
     )

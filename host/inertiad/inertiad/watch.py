@@ -1,56 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live screen of what the daemon publishes: estimate, buses, latencies, losses, events. LCM in, terminal out."""
 
-import os
-import sys
 import time
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
-import lcm
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from inertiad.error import InputError
 from inertiad.estimate import NAMES, UNITS, of_message
+from inertiad.network import connect
 from inertiad_lcm import bus_t, estimate_t, event_t, health_t, host_t
 
-DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
-DEFAULT_PREFIX = "INERTIAD_"
 SILENT_AFTER = 2.0
 """s without a message after which the table says so"""
 EVENTS_SHOWN = 6
-
-
-@contextmanager
-def _silent_library() -> Iterator[None]:
-    """Keep what the C library itself writes to stderr from the terminal: the caller says it in one line."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    sink = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(sink, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(sink)
-
-
-def connect(url: str) -> lcm.LCM:
-    """An LCM instance. InputError if the URL is wrong or no interface carries multicast."""
-    try:
-        with _silent_library():
-            return lcm.LCM(url)
-    except RuntimeError:
-        raise InputError(
-            f"--lcm {url}: cannot open: allowed: an LCM URL; udpm needs a multicast route, "
-            "for one machine: ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
-        ) from None
 
 
 class Latest:
@@ -119,6 +85,10 @@ _UNWANTED = {
     "bad_length",
     "duplicate",
     "dropped",
+    "lost",
+    "bad_quaternion",
+    "bad_geometry",
+    "signal_not_finite",
     "failed",
 }
 
@@ -163,7 +133,11 @@ def _latency_table(health: health_t) -> Table:
 
 def _loss_line(health: health_t) -> Text:
     """Counters of what should not happen, if it did."""
-    lost = {name: n for name, n in _counters(health).items() if n and name.rsplit(".", 1)[-1] in _UNWANTED}
+    lost = {
+        name: n
+        for name, n in _counters(health).items()
+        if n and (name.rpartition(".")[2] in _UNWANTED or name.startswith("stuck."))
+    }
     if not lost:
         return Text("nothing lost", style="green")
     return Text("lost: " + ", ".join(f"{name} {n}" for name, n in lost.items()), style="yellow")
