@@ -7,6 +7,7 @@ estimate  t mass cog_x..z inertia_cog_xx..xy with _std, systematic errors, n_win
 frames    t bus can_id flags length data                   CAN frames, SocketCAN's identifiers, data in hex
 events    t source text
 health    t and every counter
+CONFIG and HOST, which tell of the daemon and its machine and not of the run, are in none of them.
 """
 
 import csv
@@ -155,14 +156,18 @@ def of_lcm(path: Path, prefix: str, remarks: list[str]) -> dict[str, Sheet]:
     import inertiad_lcm
 
     found: dict[str, list[Any]] = {}
-    n_other = 0
+    n_other, without_sheet = 0, set[str]()
     for event in lcmlog.read(path, remarks):
         name = event.channel.removeprefix(prefix)
         if event.channel.startswith(prefix) and name in _OF_CHANNEL:
             kind = getattr(inertiad_lcm, _OF_CHANNEL[name][0])
             found.setdefault(name, []).append(lcmlog.decode(kind, event, path))
-        elif not (event.channel.startswith(prefix) and name in _NO_SHEET):
+        elif not event.channel.startswith(prefix):
             n_other += 1
+        elif name not in _NO_SHEET:
+            without_sheet.add(event.channel)
+    if without_sheet:
+        remarks.append(f"{path}: {', '.join(sorted(without_sheet))}: left out, no table holds them")
     if n_other:
         remarks.append(f"{path}: {n_other} messages of other channels than {prefix}... left out")
     sheets = [make(found[name]) for name, (_, make) in _OF_CHANNEL.items() if name in found]
