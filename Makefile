@@ -157,7 +157,7 @@ $(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
 
-## Measure beside other software: core step, file to estimate, simulation, planning
+## Measure beside other software: core step, file to estimate, simulation, planning, report, replay, record
 bench: .venv/test.stamp build $(BENCH)
 	$(Q)$(PY) test/bench/bench.py
 	$(Q)$(PY) test/bench/simulate.py
@@ -186,7 +186,7 @@ accept-sync: .venv/test.stamp build
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
-PY_FILES = host test tools/test $(wildcard tools/*.py)
+PY_FILES = host test tools/test tools/readme $(wildcard tools/*.py)
 
 ## Rewrite C, C++ and Python sources in the project's format
 format: .venv/lint.stamp
@@ -204,7 +204,7 @@ lint: .venv/lint.stamp .venv/test.stamp build
 	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 $(INCLUDE)
 	$(Q).venv/bin/ruff check -q --config host/inertiad/pyproject.toml $(PY_FILES)
 	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
-	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl .ci/run
+	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl tools/mistakes .ci/run
 
 ## Everything a change must pass
 check: format-check lint test

@@ -2,7 +2,7 @@
 /// All state of the daemon, and what its parts share. One static of this type in inertiad.c; nothing is allocated.
 ///
 ///   options -> open -> loop:  flow     frames and positions -> pipeline -> LCM and record
-///                             monitor  once a second: interfaces, record, checkpoint
+///                             monitor  buses, losses, clock, sensors; once a second interfaces, watchdog, checkpoint
 ///                             control  commands
 ///                             health   counters
 ///           -> close
@@ -67,7 +67,7 @@ typedef struct {
     ipe_host_clock_t clock;
     int64_t arrival_ns;     ///< host time at which the frame at hand came; 0: not measured
     ipe_histogram_t decoded, estimated;
-    int64_t data_ns;        ///< host time of the newest frame or position, 0: none yet
+    int64_t data_ns;        ///< host time of the newest frame, 0: none yet
     int64_t first_row_ns, last_row_ns;
     int64_t health_due_ns;  ///< data time of the next HEALTH
     bool was_health_sent;   ///< since the last tick

@@ -4,9 +4,10 @@
 #include <string.h>
 
 static const int64_t STEP_MIN_NS = 100000;
-static const int64_t READING_MAX_NS =
-    20000;                               // between the two readings around the third: longer, and we were interrupted
-static const int64_t FUTURE_NS = 50000;  // a stamp may seem to be, for the readings' sake
+// Between the two readings around the third: longer, and we were interrupted.
+static const int64_t READING_MAX_NS = 20000;
+// A stamp may seem to be of the future, for the readings' sake.
+static const int64_t FUTURE_NS = 50000;
 static const int64_t BACKLOG_NS = 1000000000;
 enum { ATTEMPTS = 8 };
 
