@@ -4,7 +4,7 @@
 ///   endure rest|noise|bad ROBOT.cfg ROWS RATE WINDOWS SEED  acc gyro force position wander wander_time
 ///
 ///   rest   moves twice through ROWS, rests for WINDOWS in their first pose, moves again
-///   noise  moves through ROWS again and again for WINDOWS; counts alarms, all of them false, and says what states there are
+///   noise  moves through ROWS again and again for WINDOWS; counts alarms, all of them false, and bytes of state
 ///   bad    short runs with up to 300 times the noise, until WINDOWS estimates were published; now and then a row or a
 ///          frame with NaN, Inf or a full-scale value, which must leave the filter as it is
 /// ROWS holds rows without noise at RATE [Hz], native doubles: acc 3, gyro 3, q 4 (w x y z), position 3, f m; its motion
@@ -17,6 +17,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -181,6 +182,16 @@ void rest(Feed& feed, uint64_t n_windows)
     for (int i = 0; i < IPE_NP; ++i) { std::printf("theta_%d %.17g\n", i, feed.state.estimate.theta[i]); }
 }
 
+/// What the filter filled with numbers: it starts as all zero.
+std::size_t bytes_in_use(const ipe_rls_t& s)
+{
+    const auto not_zero = [](double v) { return v != 0.0; };
+    const auto n = std::count_if(std::begin(s.x), std::end(s.x), not_zero) +
+                   std::count_if(std::begin(s.D), std::end(s.D), not_zero) +
+                   std::count_if(std::begin(s.U), std::end(s.U), not_zero);
+    return static_cast<std::size_t>(n) * sizeof(double);
+}
+
 void noise(Feed& feed, uint64_t n_windows)
 {
     for (std::size_t i = 0; feed.state.window.n_windows < n_windows; ++i) { feed.push(i); }
@@ -188,7 +199,7 @@ void noise(Feed& feed, uint64_t n_windows)
     std::printf("hours %.3f\n", static_cast<double>(n_windows) * 0.25 * feed.state.window.length / 3600.0);
     std::printf("n_changes %llu\n", static_cast<unsigned long long>(d.n_changes));
     std::printf("n_held %llu\n", static_cast<unsigned long long>(d.n_held));
-    std::printf("n_states %d\npipeline_bytes %zu\n", feed.state.rls.n, sizeof feed.state);
+    std::printf("filter_bytes %zu\npipeline_bytes %zu\n", bytes_in_use(feed.state.rls), sizeof feed.state);
 }
 
 /// What must not change when an input is refused: the filter but for its counters, and the estimate.

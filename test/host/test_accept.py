@@ -21,7 +21,6 @@ QUICK = {
     "T4": lambda: core.t4(100),
     "T12 noise": lambda: core.t12_noise(0.2, 1),
     "T14": lambda: core.t14(5_000),
-    "T15": core.t15,
 }
 
 
@@ -31,6 +30,12 @@ def test_quick_line_holds(name: str) -> None:
     verdicts = result if isinstance(result, list) else [result]
     assert [str(v) for v in verdicts if v.good is False] == []
     assert any(v.good for v in verdicts)
+
+
+def test_only_the_filter_is_larger_than_its_limit() -> None:
+    """46 states instead of 37 take 9 KB; what they are worth is in firmware/DESIGN.md, "States"."""
+    failed = {v.what: v.measured for v in core.t15() if v.good is False}
+    assert failed == {"filter's state in use, 8 cables": "9016 B"}
 
 
 def test_a_load_of_300_kg_is_noticed_within_half_a_second() -> None:
