@@ -277,23 +277,62 @@ def test_second_sender_is_counted_and_left_out():
     source.close()
 
 
-def test_peer_that_hangs_or_goes_is_connected_anew(monkeypatch):
-    monkeypatch.setattr(record, "SILENT", 0.3)
+@pytest.mark.parametrize(("patience", "said"), [("SILENT", b"1"), ("START", b"")])
+def test_peer_that_hangs_or_goes_is_connected_anew(monkeypatch, patience, said):
+    monkeypatch.setattr(record, patience, 0.3)
     server = socket.create_server(("127.0.0.1", 0))
     source = record.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
 
     def serve() -> None:
         hanging, _ = server.accept()
-        hanging.sendall(b"1")
+        hanging.sendall(said)
         server.accept()[0].sendall(b"2")
         hanging.close()
 
-    thread = threading.Thread(target=serve)
+    thread = threading.Thread(target=serve, daemon=True)
     thread.start()
-    assert drain(source, 2) == b"12"
+    assert drain(source, len(said) + 1) == said + b"2"
     assert source.n_connected == 2
     thread.join()
     source.close()
+    server.close()
+
+
+def test_peer_that_is_slow_to_begin_does_not_hang(monkeypatch):
+    monkeypatch.setattr(record, "SILENT", 0.3)
+    server = socket.create_server(("127.0.0.1", 0))
+    source = record.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+    assert source.receive() == []
+    link, _ = server.accept()
+    later = threading.Timer(1.0, link.sendall, (b"1",))
+    later.start()
+    assert drain(source, 1) == b"1"
+    assert source.n_connected == 1
+    later.join()
+    for opened in (link, server, source):
+        opened.close()
+
+
+UNPLUGGED = """
+import socket, subprocess, time
+from inertiad import record
+server = socket.create_server(("127.0.0.1", 5014))
+source = record.open_input("tcp:127.0.0.1:5014")
+link = server.accept()[0] if source.receive() == [] else None
+link.sendall(b"1")
+assert source.receive() == [(b"1", False)]
+subprocess.run(["ip", "link", "set", "lo", "down"], check=True)
+end = time.monotonic() + 0.8 * record.SILENT
+while source.is_connected and time.monotonic() < end:
+    source.receive()
+assert not source.is_connected
+"""
+
+
+def test_pulled_plug_is_noticed_before_silence_is_taken_for_a_hang():
+    command = [*ISOLATED, sys.executable, "-c", UNPLUGGED]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
+    assert result.returncode == 0, result.stderr
 
 
 def test_serial_line():

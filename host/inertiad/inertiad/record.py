@@ -34,8 +34,12 @@ from inertiad_lcm import tracker_t
 
 QUEUE: Final = 200_000
 RECEIVE_BUFFER: Final = 8_000_000
-SILENT: Final = 2.0
-"""s without a byte after which a peer counts as hanging and is connected anew"""
+SILENT: Final = 10.0
+"""s without a byte after which a peer that was sending counts as hanging and is connected anew"""
+START: Final = 60.0
+"""the same for a peer that has not sent yet: an instrument waits for its operator"""
+KEEPALIVE: Final = {socket.TCP_KEEPIDLE: 1, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPCNT: 3}
+"""s, s, probes after which the kernel ends a connection whose other machine is gone, however long it may be silent"""
 RETRY: Final = 0.5
 """s between attempts to connect"""
 POLL: Final = 0.05
@@ -106,6 +110,13 @@ class Udp:
         self._socket.close()
 
 
+def _kept_alive(link: socket.socket) -> socket.socket:
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in KEEPALIVE.items():
+        link.setsockopt(socket.IPPROTO_TCP, option, value)
+    return link
+
+
 class Stream:
     """A connection that is made again whenever it ends or falls silent."""
 
@@ -114,6 +125,7 @@ class Stream:
         self._connect, self._can_hang = connect, can_hang
         self._peer: Any = None
         self._heard = self._tried = 0.0
+        self._patience = START
 
     def _try(self) -> None:
         now = time.monotonic()
@@ -124,7 +136,7 @@ class Stream:
         with contextlib.suppress(OSError):
             self._peer = self._connect()
         if self._peer is not None:
-            self._heard, self.is_connected = time.monotonic(), True
+            self._heard, self._patience, self.is_connected = time.monotonic(), START, True
             self.n_connected += 1
 
     def receive(self) -> list[tuple[bytes, bool]]:
@@ -134,7 +146,7 @@ class Stream:
         with selectors.DefaultSelector() as selector:
             selector.register(self._peer, selectors.EVENT_READ)
             if not selector.select(POLL):
-                is_silent = self._can_hang and time.monotonic() - self._heard > SILENT
+                is_silent = self._can_hang and time.monotonic() - self._heard > self._patience
                 return self._lose() if is_silent else []
         try:
             data = os.read(self._peer.fileno(), 65536)
@@ -142,7 +154,7 @@ class Stream:
             data = b""
         if not data:
             return self._lose()
-        self._heard = time.monotonic()
+        self._heard, self._patience = time.monotonic(), SILENT
         return [(data, False)]
 
     def _lose(self) -> list[tuple[bytes, bool]]:
@@ -161,7 +173,7 @@ class Server(Stream):
     def __init__(self, host: str, port: int) -> None:
         self._listener = socket.create_server((host, port))
         self._listener.settimeout(POLL)
-        super().__init__(lambda: self._listener.accept()[0], can_hang=True)
+        super().__init__(lambda: _kept_alive(self._listener.accept()[0]), can_hang=True)
 
     def close(self) -> None:
         super().close()
@@ -211,9 +223,8 @@ def open_input(address: str) -> Input:
                 return Udp(*_host_port(place, address))
             case "tcp":
                 host, port = _host_port(place, address)
-                return Stream(
-                    lambda: socket.create_connection((host or "127.0.0.1", port), timeout=RETRY), can_hang=True
-                )
+                peer = host or "127.0.0.1", port
+                return Stream(lambda: _kept_alive(socket.create_connection(peer, timeout=RETRY)), can_hang=True)
             case "tcp-listen":
                 return Server(*_host_port(place, address))
             case "serial":

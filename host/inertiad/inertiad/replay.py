@@ -339,7 +339,7 @@ def _instrument_bytes(
 def _tracker_items(options: Options, t_ns: Stamps, position: NDArray[np.float64], stack: contextlib.ExitStack) -> Items:
     if options.instrument is not None:
         data, begin = _instrument_bytes(options.instrument, t_ns, position)
-        link = stack.enter_context(_open_instrument(options.instrument_address))  # last: a silent peer is taken to hang
+        link = stack.enter_context(_open_instrument(options.instrument_address))
         name = f"{options.instrument.format}={options.instrument_address}"
         return Items(name, link.fileno(), t_ns, data, begin)
     network = stack.enter_context(lcm_socket(options.url))
