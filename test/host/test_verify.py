@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, TOP
 
-from inertiad import compile, verify
+from inertiad import compile, lcmlog, verify
 from inertiad import robot as description
 
 DAEMON = TOP / "build/bin/inertiad"
@@ -116,6 +116,36 @@ def test_changed_coefficient_in_the_dbc_disagrees_with_the_runs_own_result(run, 
     assert failed(run) == {}
     edit(run / "robot.toml", "weight_per_length = 0.628", "weight_per_length = 0.640")
     assert "the run's estimate.json" in failed(run)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        (
+            "robot.toml",
+            "weight_per_length = 0.628",
+            "weight_per_length = 0.640",
+            "cable[1].weight_per_length is 0.64, ",
+        ),
+        ("platform.dbc", None, None, "f_3.scale is "),
+    ],
+)
+@pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
+def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(run, record, file, old, new, said):
+    data = compile.compile_robot(description.load(run / "robot.toml"), "run")
+    if record == "robot.cfg":
+        (run / record).write_bytes(data)
+    else:
+        log = lcmlog.Writer(run / record)
+        log.write(0, "INERTIAD_CONFIG", data[:-4])
+        log.close()
+    assert failed(run) == {}
+    if old is None:
+        old = next(line for line in (run / file).read_text().splitlines() if " SG_ f_3 " in line)
+        scale = old[old.index("(") + 1 : old.index(",")]
+        new = old.replace(f"({scale},", f"({1.02 * float(scale):.9g},")
+    edit(run / file, old, new)
+    assert f"differs from {record}, which the run was made with: {said}" in failed(run)["robot.toml"]
 
 
 def test_wrong_truth_fails(run):

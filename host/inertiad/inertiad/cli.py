@@ -439,7 +439,10 @@ def verify(
     url: Url = DEFAULT_URL,
     latency_max: Annotated[float, typer.Option(metavar="S", help="p99 allowed, frame's stamp to message.")] = 0.1,
 ) -> None:
-    """Run the daemon on a recorded run and check line by line what it does. Exit code 1: a check failed."""
+    """Run the daemon on a recorded run and check line by line what it does. Exit code 1: a check failed.
+
+    robot.toml and its DBC files are held against what RUN was made with: the daemon's record run.lcmlog or robot.cfg.
+    """
     from inertiad import verify as verifier
 
     buses = () if bus in (None, [], ["file"]) else tuple(bus or ())

@@ -2,7 +2,9 @@
 """robot.toml and its DBC files -> robot.cfg: an LCM-encoded robot_config_t and its CRC-32, all the daemon reads."""
 
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -187,6 +189,26 @@ def compile_robot(robot: Robot, source: str) -> bytes:
     except ValueError as error:
         raise InputError(f"{source}: {error}") from None
     return data
+
+
+def _values(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Every number of a message, by its path: cable[1].weight_per_length, f_3.scale."""
+    if isinstance(value, signal_config_t):
+        name = list(quantity.QUANTITIES)[value.quantity]
+    if isinstance(value, (list, tuple)):
+        for i, item in enumerate(value, 1):
+            yield from _values(item, f"{name}[{i}]")
+    elif hasattr(value, "__slots__"):
+        for key in value.__slots__:
+            yield from _values(getattr(value, key), f"{name}.{key}" if name else key)
+    else:
+        yield name, value
+
+
+def differences(was: robot_config_t, now: robot_config_t) -> dict[str, str]:
+    """What two configurations disagree on, by its path: "0.64, was 0.628". Indices count from 1."""
+    pairs = zip(_values(now, ""), _values(was, ""), strict=True)
+    return {name: f"{new!r}, was {old!r}" for (name, new), (_, old) in pairs if new != old}
 
 
 def write(path: Path, robot: Robot, source: str) -> int:

@@ -3,10 +3,12 @@
 
 The frames it says it took are compared with the log, its counters with each other, its rows with a decoder of our own
 (from the DBC, in numpy), its estimates with a recomputation by the same core and with a plain batch weighted least
-squares, its result with the truth of a simulated run.
+squares, its result with the truth of a simulated run. robot.toml and its DBC files are compared with the configuration
+that the run was made with, where the run says it: in the daemon's own record run.lcmlog, or as robot.cfg.
 """
 
 import json
+import struct
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -17,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_core
-from inertiad import canlog, compile, dbc, encode, estimate, published, quantity
+from inertiad import canlog, compile, dbc, encode, estimate, lcmlog, published, quantity
 from inertiad import robot as description
 from inertiad.canlog import CanLog
 from inertiad.dbc import Binding
@@ -36,6 +38,7 @@ ROWS_LOST_MAX: Final = 0.01
 host stamped late and its clock's fit steps back once it knows better"""
 LATENCY_MAX: Final = 0.1
 """s, p99 from a frame's stamp to the arrival of its RAW message"""
+DIFFERENCES_SHOWN: Final = 3
 NS_PER_S: Final = 1e9
 
 BAD_COUNTERS: Final = (
@@ -110,6 +113,35 @@ class Case:
 def _check_config(case: Case) -> Iterator[Check]:
     same = case.config_bytes == case.given_config
     yield Check("configuration", same, "is what robot.toml compiles to" if same else "differs from robot.toml")
+
+
+def _record_of_configuration(run: Path) -> tuple[str, robot_config_t] | None:
+    """The configuration a run was made with, and the file that says so: the daemon's own record, else robot.cfg."""
+    log, file = run / "run.lcmlog", run / "robot.cfg"
+    if log.exists():
+        for event in lcmlog.read(log):
+            if event.channel.endswith("_CONFIG"):
+                return log.name, lcmlog.decode(robot_config_t, event, log)
+    if not file.exists():
+        return None
+    try:
+        return file.name, robot_config_t.decode(file.read_bytes()[:-4])
+    except (ValueError, struct.error):
+        raise InputError(f"{file}: written by another version: allowed: compiled again or removed") from None
+
+
+def _check_description(case: Case) -> Iterator[Check]:
+    """robot.toml and its DBC files still say what the run was made with."""
+    record = _record_of_configuration(case.run)
+    if record is None:
+        return
+    name, was = record
+    differs = compile.differences(was, robot_config_t.decode(case.config_bytes[:-4]))
+    differs = {key: what for key, what in differs.items() if not key.startswith("gyro_bias")}  # it learns that itself
+    said = "; ".join(f"{key} is {what}" for key, what in list(differs.items())[:DIFFERENCES_SHOWN])
+    more = len(differs) - DIFFERENCES_SHOWN
+    detail = f"differs from {name}, which the run was made with: {said}" + (f"; and {more} more" if more > 0 else "")
+    yield Check("robot.toml", not differs, detail if differs else f"is what the run was made with, says {name}")
 
 
 def _check_daemon(case: Case) -> Iterator[Check]:
@@ -490,7 +522,8 @@ def _setup(options: Options, robot: Robot, data: bytes, folder: Path) -> Setup:
 def judge(case: Case, latency_max: float) -> list[Check]:
     """All checks, in the order of the data's way."""
     mine = recompute(case)
-    checks = [*_check_config(case), *_check_daemon(case), *_check_frames(case), *_check_counters(case)]
+    checks = [*_check_description(case), *_check_config(case), *_check_daemon(case)]
+    checks += [*_check_frames(case), *_check_counters(case)]
     checks += [*_check_sample_counters(case), *_check_positions(case), *_check_rows(case)]
     checks += [*_check_recomputation(case, mine), *_check_batch(case, mine)]
     return [*checks, *_check_truth(case), *_check_golden(case), *_check_latency(case, latency_max)]
