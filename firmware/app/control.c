@@ -6,7 +6,6 @@
 #include "message.h"
 #include "settings.h"
 
-#include <errno.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -112,13 +111,13 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
     ipe_rest_init(&d->rest);
     spread_config(d);
     if (d->option.checkpoint != NULL) { ipe_checkpoint_configure(&d->checkpoint, d->config_bytes, d->n_config_bytes); }
+    const char* deaf = NULL;
     for (unsigned i = 0; i < d->n_interfaces; ++i) {
-        if (ipe_source_socketcan_filter(&d->interface[i], &d->config) == 0) { continue; }
-        ipe_message("%s: identifiers of the new configuration are not let through: %s", d->interface[i].interface,
-                    strerror(errno));
+        if (ipe_source_socketcan_filter(&d->interface[i], &d->config) != 0) { deaf = d->interface[i].interface; }
     }
-    return answer(true, "%s changed; %s", text,
-                  difference == IPE_SETTINGS_LEARNT_HOLDS ? "what was learnt stays" : "starting from the prior");
+    return answer(true, "%s changed; %s%s%s", text,
+                  difference == IPE_SETTINGS_LEARNT_HOLDS ? "what was learnt stays" : "starting from the prior",
+                  deaf == NULL ? "" : "; the new identifiers are not let through on ", deaf == NULL ? "" : deaf);
 }
 
 static answer_t mark(const char* text)

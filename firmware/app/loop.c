@@ -3,6 +3,7 @@
 
 #include "control.h"
 #include "flow.h"
+#include "message.h"
 #include "monitor.h"
 
 #include <errno.h>
@@ -19,7 +20,9 @@ enum { WAKE_SIGNAL, WAKE_SECOND, WAKE_PACE, WAKE_INPUT, WAKE_LCM, WAKE_BUS };
 static void watch(daemon_t* d, int fd, uint64_t wake, uint32_t events)
 {
     struct epoll_event event = {.events = events, .data.u64 = wake};
-    (void)epoll_ctl(d->epoll_fd, EPOLL_CTL_ADD, fd, &event);
+    if (epoll_ctl(d->epoll_fd, EPOLL_CTL_ADD, fd, &event) != 0) {
+        ipe_message("epoll: source %llu cannot be waited for: %s", (unsigned long long)wake, strerror(errno));
+    }
 }
 
 void loop_watch_interface(daemon_t* d, unsigned i)

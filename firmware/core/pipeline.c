@@ -93,13 +93,22 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
     return IPE_OK;
 }
 
+/// Not used, but the sensor counted it: the pace of what follows goes on past it.
+static ipe_status_t refuse(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading, ipe_status_t why)
+{
+    p->n_unpaced[sensor] += reading->step;
+    return why;
+}
+
 /// A sample without device time: its instant comes from the pace of those around it.
 static ipe_status_t push_untimed(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
 {
     int64_t t_ns[IPE_PACE_HOLD];
     const ipe_status_t status = ipe_align_hold(&p->align, sensor, reading->t_ns, reading->value);
-    if (status != IPE_OK) { return status; }
-    const int n = ipe_pace_push(&p->pace[sensor], &p->clock[sensor], reading->t_ns, reading->step);
+    if (status != IPE_OK) { return refuse(p, sensor, reading, status); }
+    const uint64_t step = reading->step > 0 ? reading->step + p->n_unpaced[sensor] : 0;
+    p->n_unpaced[sensor] = 0;
+    const int n = ipe_pace_push(&p->pace[sensor], &p->clock[sensor], reading->t_ns, step);
     for (int i = 0; i < n; ++i) { t_ns[i] = ipe_pace_instant(&p->pace[sensor], &p->clock[sensor], n - 1 - i); }
     if (n > 0) { ipe_align_settle(&p->align, sensor, n, t_ns); }
     return IPE_OK;
@@ -107,7 +116,9 @@ static ipe_status_t push_untimed(ipe_pipeline_t* p, ipe_sensor_t sensor, const i
 
 static ipe_status_t push_reading(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
 {
-    if (ipe_stuck_push(&p->stuck, sensor, reading->t_ns, reading->value)) { return IPE_ERR_RANGE; }
+    if (ipe_stuck_push(&p->stuck, sensor, reading->t_ns, reading->value)) {
+        return refuse(p, sensor, reading, IPE_ERR_RANGE);
+    }
     if (!reading->has_device_time) { return push_untimed(p, sensor, reading); }
     const int64_t t_ns = ipe_clock_map(&p->clock[sensor], reading->device_time, reading->t_ns);
     return ipe_align_push(&p->align, sensor, t_ns, reading->value);

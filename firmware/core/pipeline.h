@@ -60,6 +60,7 @@ typedef struct {
     ipe_group_t group[IPE_SENSOR_COUNT];
     ipe_clock_t clock[IPE_SENSOR_COUNT];
     ipe_pace_t pace[IPE_SENSOR_COUNT];
+    uint64_t n_unpaced[IPE_SENSOR_COUNT];  ///< steps of refused samples, which the pace did not see yet
     ipe_stuck_t stuck;
     ipe_align_t align;
     ipe_wrench_stage_t wrench;

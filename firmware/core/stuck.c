@@ -37,6 +37,13 @@ static float size(const float a[3])
     return sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
 }
 
+/// From now on motion is what differs from the specific force of this moment.
+static void refer(const ipe_stuck_t* k, ipe_stuck_channel_t* c)
+{
+    memcpy(c->reference, k->acc, sizeof c->reference);
+    c->lag = distance(k->acc, k->imu);
+}
+
 /// Note whether a channel changed. True if it should have and did not.
 static bool watch(ipe_stuck_t* k, int channel, int64_t t_ns, const double* value, float* last, int n)
 {
@@ -48,7 +55,7 @@ static bool watch(ipe_stuck_t* k, int channel, int64_t t_ns, const double* value
     }
     if (!is_same || t_ns < c->since_ns) {
         *c = (ipe_stuck_channel_t){.since_ns = t_ns, .n_same = 1};
-        if (k->acc_ns - k->acc_since_ns >= SETTLED_NS) { memcpy(c->reference, k->acc, sizeof c->reference); }
+        if (k->acc_ns - k->acc_since_ns >= SETTLED_NS) { refer(k, c); }
         return false;
     }
     c->n_same += c->n_same < STUCK_SAMPLES;
@@ -64,12 +71,13 @@ static void note_motion(ipe_stuck_t* k, int64_t t_ns)
     k->acc_ns = t_ns;
     if (t_ns - k->acc_since_ns < SETTLED_NS) { return; }
     for (int i = 0; i < k->n_cables; ++i) {
-        if (size(k->channel[i].reference) == 0.0F) { memcpy(k->channel[i].reference, k->acc, sizeof k->acc); }
-        k->channel[i].has_moved |= distance(k->acc, k->channel[i].reference) > k->threshold[i];
+        ipe_stuck_channel_t* c = &k->channel[i];
+        if (size(c->reference) == 0.0F) { refer(k, c); }
+        c->has_moved |= distance(k->acc, c->reference) > k->threshold[i] + c->lag;
     }
     ipe_stuck_channel_t* position = &k->channel[IPE_STUCK_POSITION];
-    if (size(position->reference) == 0.0F) { memcpy(position->reference, k->acc, sizeof k->acc); }
-    position->has_moved |= fabsf(size(k->acc) - size(position->reference)) > MOVED;
+    if (size(position->reference) == 0.0F) { refer(k, position); }
+    position->has_moved |= fabsf(size(k->acc) - size(position->reference)) > MOVED + position->lag;
 }
 
 static void note_forces(ipe_stuck_t* k)

@@ -6,7 +6,8 @@
 ///   force      the specific force turned or changed by 0.2 m/s2, or by what 4 steps of the signal's resolution answer to
 ///   position   the specific force's size changed by 0.2 m/s2
 ///   IMU        the forces changed by 5 %, all together
-/// each as a mean over some 0.2 s, which vibration does not move. At rest nothing is stuck: there a coarse signal may repeat for long. 0.6 KB of state, one thread.
+/// each as a mean over some 0.2 s, which vibration does not move. At rest nothing is stuck: there a coarse signal may
+/// repeat for long. 0.6 KB of state, one thread.
 #ifndef IPE_STUCK_H
 #define IPE_STUCK_H
 
@@ -20,7 +21,8 @@ typedef struct {
     int64_t since_ns;
     int32_t n_same;
     bool has_moved;      ///< the platform, meanwhile
-    float reference[3];  ///< specific force at the time, m/s2; 0: not seen yet
+    float reference[3];  ///< smoothed specific force at the time, m/s2; 0: not seen yet
+    float lag;           ///< how far smoothing was behind then, m/s2: what it catches up is no motion
 } ipe_stuck_channel_t;
 
 typedef struct {

@@ -27,6 +27,7 @@ from inertiad.error import InputError
 from inertiad.published import Published, Setup
 from inertiad.robot import Robot
 from inertiad.table import Array
+from inertiad_lcm import robot_config_t
 
 LIVE_TOLERANCE: Final = 1e-9
 """relative, of estimates when live stamps are carried through; 0 from a file"""
@@ -53,13 +54,19 @@ BAD_COUNTERS: Final = (
     "bad_tail",
     "too_long",
     "cut",
-    "stray",
+    "stray_stamp",
+    "stray_time",
+    "went_down",
     "bad_rows",
     "bad_length",
     "signal_not_finite",
     "signal_out_of_range",
     "incomplete",
+    "lost",
+    "counter_jumps",
+    "duplicate_frames",
     "duplicate",
+    "refused",
     "steps",
     "backwards",
     "restarts",
