@@ -191,7 +191,12 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
         uint64_t place = ring->head;
         if (t_ns != NULL) {
             const int64_t instant = t_ns[i - (end - keep)] - a->delay_ns[sensor];
-            if (find_place(a, sensor, instant, &place) != IPE_OK || place != ring->head) { continue; }
+            if (find_place(a, sensor, instant, &place) != IPE_OK) { continue; }
+            if (place != ring->head) {  // between samples in place, where no room is made any more
+                --a->n_reordered[sensor];
+                ++a->n_backwards[sensor];
+                continue;
+            }
             ring->t_ns[i % IPE_RING] = instant;
             ++a->n_samples[sensor];
         }

@@ -296,6 +296,18 @@ static void test_hold_rows_wait_until_samples_are_settled(void)
     TEST_ASSERT_EQUAL_UINT64(9, align.n_samples[IPE_FORCE]);
 }
 
+static void test_settle_between_samples_in_place_is_refused_and_counted(void)
+{
+    const double value[IPE_CABLES_MAX] = {0.0};  // given
+    const int64_t instant[2] = {2 * MS + MS / 2, 5 * MS};
+    for (int k = 0; k < 5; ++k) { (void)push_force(k * MS); }
+    for (int k = 0; k < 2; ++k) { (void)ipe_align_hold(&align, IPE_FORCE, 6 * MS, value); }
+    ipe_align_settle(&align, IPE_FORCE, 2, instant);          // when
+    TEST_ASSERT_EQUAL_UINT64(6, align.n_samples[IPE_FORCE]);  // then
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_backwards[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_reordered[IPE_FORCE]);
+}
+
 static void test_hold_keeps_no_more_than_it_should(void)
 {
     const double value[IPE_CABLES_MAX] = {0.0};  // given
@@ -423,6 +435,7 @@ int main(void)
     RUN_TEST(test_push_sample_behind_rows_that_are_out_is_refused);
     RUN_TEST(test_push_late_copy_of_a_sample_is_a_duplicate);
     RUN_TEST(test_hold_rows_wait_until_samples_are_settled);
+    RUN_TEST(test_settle_between_samples_in_place_is_refused_and_counted);
     RUN_TEST(test_hold_keeps_no_more_than_it_should);
     RUN_TEST(test_push_big_step_back_restarts_sensor);
     RUN_TEST(test_push_one_stamp_far_ahead_costs_no_more_than_itself);
