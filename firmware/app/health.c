@@ -140,7 +140,7 @@ void health_carried(daemon_t* d, const ipe_pipeline_t* p)
 static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
 {
     const ipe_ring_t* ring = &d->pipeline->align.ring[sensor];
-    if (ring->head == 0) { return -1.0; }
+    if (ring->head == ring->first) { return -1.0; }
     return (double)(now_ns - ring->t_ns[(ring->head - 1) % IPE_RING]) / (double)NS_PER_S;
 }
 

@@ -121,7 +121,7 @@ static void look_at_sensors(daemon_t* d, int64_t now_ns)
 {
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         const ipe_ring_t* ring = &d->pipeline->align.ring[s];
-        const int64_t newest_ns = ring->head > 0 ? ring->t_ns[(ring->head - 1) % IPE_RING] : 0;
+        const int64_t newest_ns = ring->head > ring->first ? ring->t_ns[(ring->head - 1) % IPE_RING] : 0;
         ipe_presence_t* p = &d->presence[s];
         if (s == IPE_POSITION && d->config.position_source == IPE_POSITION_FIXED) { continue; }
         const ipe_presence_change_t change = ipe_presence_look(p, d->pipeline->align.n_samples[s], newest_ns, now_ns);
