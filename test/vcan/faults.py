@@ -61,7 +61,7 @@ class Patient:
         self.facts = facts
         self.bus = f"fault{number}"
         self.folder = OUT / str(number)
-        self.n_sent = self.n_refused = 0
+        self.n_sent = self.n_refused = self.n_dropped = 0
         self.socket: socket.socket | None = None
         self.restart_s: float | None = None
         self.process: subprocess.Popen[bytes] | None = None
@@ -146,6 +146,10 @@ class Patient:
             (self.folder / "small").mkdir()
             shell(f"mount -t tmpfs -o size=256k tmpfs {self.folder}/small")
 
+    def note_drops(self) -> None:
+        """Frames taken from the sender that the interface, on its way down, gave to nobody."""
+        self.n_dropped = int(Path(f"/sys/class/net/{self.bus}/statistics/rx_dropped").read_text())
+
     def counters(self) -> dict[str, int]:
         return read_summary(self.errors.read_text())
 
@@ -189,8 +193,8 @@ def judge(patient: Patient) -> dict[str, Any]:
     is_heard = is_whole and "create" not in actions  # a new interface has no listener until the daemon finds it
     if is_whole and facts["made"] != used + sum(lost.values()):
         wrong.append(f"{facts['made']} samples were made")
-    if is_heard and patient.n_sent != c["bus0.frames"] + c["bus0.dropped_by_kernel"]:
-        wrong.append(f"{patient.n_sent} frames sent, {c['bus0.frames']} received")
+    if is_heard and patient.n_sent != c["bus0.frames"] + c["bus0.dropped_by_kernel"] + patient.n_dropped:
+        wrong.append(f"{patient.n_sent} frames sent, {c['bus0.frames']} received, {patient.n_dropped} dropped unheard")
     wrong += [f"{name} is 0" for name in facts["counted"] if not c.get(name)]
     error = sigmas(patient.estimate, json.loads((RUNS / "run/truth.json").read_text()))
     if not error < 3.0:
@@ -278,6 +282,7 @@ def run_phase(patients: dict[int, Patient], phase: int) -> None:
         p.process.send_signal(signal.SIGTERM)
     for p in patients.values():
         p.process.wait(PATIENCE)
+        p.note_drops()
     print(f"phase {phase}: {len(patients)} daemons, no frame later than {latest:.2f} s", file=sys.stderr)
 
 
