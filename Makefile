@@ -165,6 +165,14 @@ bench: .venv/test.stamp build $(BENCH)
 	$(Q)$(PY) test/bench/report.py
 	$(Q)tools/vcan $(PY) test/bench/pacing.py
 	$(Q)$(PY) test/bench/record.py
+	$(Q)$(PY) test/bench/flood.py
+	$(Q)tools/vcan python3 -S test/bench/vcan.py
+	$(Q)$(PY) test/bench/soak.py
+
+## An hour of data through the daemon in about a minute: losses, resident memory
+soak: .venv/test.stamp build $(B)/test/bench/flood
+	$(Q)$(PY) test/bench/flood.py
+	$(Q)$(PY) test/bench/soak.py
 
 ## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; table and pictures in build/accept/ (T="T6 T8")
 accept: .venv/test.stamp .venv/accept.stamp build accept-programs second-target
@@ -221,6 +229,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench \
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench soak \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)
