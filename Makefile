@@ -157,20 +157,19 @@ $(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
 
-## Measure beside other software: core step, file to estimate, simulation, planning, report, replay, record
-bench: .venv/test.stamp build $(BENCH)
-	$(Q)$(PY) test/bench/bench.py
-	$(Q)$(PY) test/bench/simulate.py
-	$(Q)$(PY) test/bench/excite.py
-	$(Q)$(PY) test/bench/report.py
+BENCHES := core simulate excite report record pacing vcan soak
+
+## Measure beside other software (about 40 min; T="core vcan" picks of: core simulate excite report record pacing vcan soak)
+bench: $(addprefix bench-,$(or $(T),$(BENCHES)))
+$(addprefix bench-,$(BENCHES)): .venv/test.stamp build $(BENCH)
+bench-core bench-simulate bench-excite bench-report bench-record: bench-%:
+	$(Q)$(PY) test/bench/$*.py
+bench-pacing:
 	$(Q)tools/vcan $(PY) test/bench/pacing.py
-	$(Q)$(PY) test/bench/record.py
+bench-vcan:
 	$(Q)$(PY) test/bench/flood.py
 	$(Q)tools/vcan python3 -S test/bench/vcan.py
-	$(Q)$(PY) test/bench/soak.py
-
-## An hour of data through the daemon in about a minute: losses, resident memory
-soak: .venv/test.stamp build $(B)/test/bench/flood
+bench-soak:
 	$(Q)$(PY) test/bench/flood.py
 	$(Q)$(PY) test/bench/soak.py
 
@@ -229,6 +228,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench soak \
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -4,8 +4,8 @@
     tools/vcan python3 test/vcan/faults.py [word ...]
 
 Needs build/vcan/faults (test/vcan/prepare.py) and nothing but the standard library, so that a slow guest starts it
-soon. All buses are fed in one pass at the run's own pace. Leaves build/vcan/faults.txt and faults.json; exit status 1:
-a row failed.
+soon. A few buses are fed at once at the run's own pace. Where that pace could not be kept, what failed is no finding
+about the daemon and is done again, alone. Leaves build/vcan/faults.txt and faults.json; exit status 1: a row failed.
 """
 
 import errno
@@ -36,6 +36,9 @@ LOSSES = (
     ("align", "not_finite"),
 )
 HOUR = 3600.0
+AT_ONCE = 4  # daemons; more of them keep a slow guest from its schedule
+ON_TIME = 0.05  # s, no frame later than that: the schedule was kept
+TRIES = 3
 IDLE_TICKS = 20  # of 10 ms in a second, all daemons together
 
 
@@ -141,6 +144,8 @@ class Patient:
                 pass  # was there from the start
 
     def prepare(self) -> None:
+        subprocess.run(["umount", "-q", self.folder / "small"], check=False, stderr=subprocess.DEVNULL)
+        shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
         if any(action == "small disk" for _, action in self.facts["actions"]):
             (self.folder / "small").mkdir()
@@ -267,7 +272,8 @@ def feed(patients: dict[int, Patient], phase: int) -> float:
     return latest
 
 
-def run_phase(patients: dict[int, Patient], phase: int) -> None:
+def run_together(patients: dict[int, Patient], phase: int) -> float:
+    """Feed these daemons at once. The largest delay of a frame, s."""
     links = "".join(f"link add {p.bus} type vcan\nlink set {p.bus} mtu 72 up\n" for p in patients.values())
     subprocess.run(["ip", "-batch", "-"], input=links, text=True, check=True)
     for p in patients.values():
@@ -283,24 +289,46 @@ def run_phase(patients: dict[int, Patient], phase: int) -> None:
     for p in patients.values():
         p.process.wait(PATIENCE)
         p.note_drops()
+        in_background(f"ip link del {p.bus}")
     print(f"phase {phase}: {len(patients)} daemons, no frame later than {latest:.2f} s", file=sys.stderr)
+    return latest
+
+
+def row_of(number: int, facts: dict[str, Any]) -> dict[str, Any]:
+    """One scenario alone, again while it fails where the schedule was not kept."""
+    for _ in range(TRIES - 1):
+        patient = Patient(number, facts)
+        latest = run_together({number: patient}, facts["phase"])
+        row = judge(patient)
+        if not row["wrong"] or latest <= ON_TIME:
+            break
+    return row
+
+
+def rows_of(chosen: dict[int, dict[str, Any]]) -> list[dict[str, Any]]:
+    rows: dict[int, dict[str, Any]] = {}
+    for phase in sorted({f["phase"] for f in chosen.values()}):
+        numbers = [n for n, f in chosen.items() if f["phase"] == phase]
+        for i in range(0, len(numbers), AT_ONCE):
+            patients = {n: Patient(n, chosen[n]) for n in numbers[i : i + AT_ONCE]}
+            latest = run_together(patients, phase)
+            for n, patient in patients.items():
+                rows[n] = judge(patient)
+                if rows[n]["wrong"] and latest > ON_TIME:
+                    rows[n] = row_of(n, chosen[n])
+                if rows[n]["wrong"]:
+                    shutil.copy(patient.errors, RUNS / f"{patient.bus}.stderr.txt")
+    return [rows[n] for n in sorted(rows)]
 
 
 def main(words: list[str]) -> int:
     facts = json.loads((RUNS / "scenarios.json").read_text())
     chosen = {n: f for n, f in enumerate(facts) if not words or any(w in f["name"] for w in words)}
-    shutil.rmtree(OUT, ignore_errors=True)
-    patients = {n: Patient(n, f) for n, f in chosen.items()}
-    for phase in sorted({f["phase"] for f in chosen.values()}):
-        run_phase({n: p for n, p in patients.items() if p.facts["phase"] == phase}, phase)
-    rows = [judge(p) for p in patients.values()]
+    rows = rows_of(chosen)
     (RUNS.parent / "faults.json").write_text(json.dumps(rows, indent=1) + "\n")
     (RUNS.parent / "faults.txt").write_text(table(rows))
     print(table(rows), end="")
-    failed = [p for p, row in zip(patients.values(), rows, strict=True) if row["wrong"]]
-    for p in failed:
-        shutil.copy(p.errors, RUNS / f"{p.bus}.stderr.txt")
-    return 1 if failed else 0
+    return 1 if any(row["wrong"] for row in rows) else 0
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ FAULTS = [s["name"] for s in json.loads((TOP / "build/vcan/faults/scenarios.json
 
 @pytest.fixture(scope="module")
 def rows() -> dict[str, Any]:
-    subprocess.run(["python3", "-S", TOP / "test/vcan/faults.py"], check=False, timeout=600)
+    subprocess.run(["python3", "-S", TOP / "test/vcan/faults.py"], check=False, timeout=1500)
     return {row["fault"]: row for row in json.loads((TOP / "build/vcan/faults.json").read_text())}
 
 
