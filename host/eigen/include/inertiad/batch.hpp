@@ -16,6 +16,10 @@
 #include "calibrated.hpp"
 #include "windows.hpp"
 
+extern "C" {
+#include "still.h"
+}
+
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
 
@@ -74,10 +78,6 @@ struct BatchResult {
 
 namespace detail {
 
-constexpr double STATIC_RATE = 0.02;   // rad/s and
-constexpr double STATIC_ALPHA = 0.01;  // rad/s2: below both for
-constexpr int STATIC_WINDOWS = 5;      // windows in a row: rest, as on the platform; here only if
-constexpr double STATIC_TURN = 0.002;  // rad/s, the attitude does not turn either, so that a slow start is no rest
 constexpr int LAGS = 25;
 constexpr double PRIOR_WINDOWS = 3.0;
 constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever of it wander explains
@@ -105,30 +105,14 @@ struct Equations {
     }
 };
 
-/// rad/s by which the attitude turned over the two windows before k, or none where there are none.
-inline double turn_rate(const std::vector<ipe_average_t>& window, std::size_t k)
+/// At rest, as the platform has it (still.h), rate and acceleration are sensor noise: taken as they are they would wear
+/// the inertia down. Only where rest prevails: few such windows do no harm, and a slow start taken for rest would.
+inline void gate_rest(const Config& config, Linearised& run)
 {
-    if (k < 2) { return 0.0; }
-    const Eigen::Matrix3d before = Eigen::Map<const Matrix3>(&window[k - 2].R[0][0]);
-    const Eigen::Matrix3d after = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
-    return rotation_vector(before.transpose() * after).norm() /
-           (1e-9 * static_cast<double>(window[k].t_ns - window[k - 2].t_ns));
-}
-
-/// At rest, rate and acceleration are sensor noise: taken as they are they would wear the inertia down. Only where rest
-/// prevails: few such windows do no harm, and a slow start taken for rest would.
-inline void gate_rest(Linearised& run)
-{
-    int n_slow = 0;
-    run.is_rest.assign(run.window.size(), false);
-    for (std::size_t k = 0; k < run.window.size(); ++k) {
-        const ipe_average_t& a = run.window[k];
-        const bool is_slow = turn_rate(run.window, k) < STATIC_TURN &&
-                             Eigen::Map<const Vector3>(a.w).norm() < STATIC_RATE &&
-                             Eigen::Map<const Vector3>(a.alpha).norm() < STATIC_ALPHA;
-        n_slow = is_slow ? n_slow + 1 : 0;
-        run.is_rest[k] = n_slow >= STATIC_WINDOWS;
-    }
+    ipe_still_t still;
+    ipe_still_restart(&still);
+    run.is_rest.clear();
+    for (const ipe_average_t& a : run.window) { run.is_rest.push_back(ipe_still_push(&still, &config.c(), &a) > 0); }
     const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
     for (std::size_t k = 0; k < run.window.size() && 2 * n_rest > run.window.size(); ++k) {
         if (!run.is_rest[k]) { continue; }
@@ -468,7 +452,7 @@ struct Problem {
         for (std::size_t r = 0; r < runs.size(); ++r) {
             Linearised run = linearise(config, *runs[r].rows, xi);
             const Eigen::MatrixXd gyro = gyro_rows(run.window);
-            gate_rest(run);
+            gate_rest(config, run);
             const Equations measured = equations(run, runs[r].group, corrected);
             if (is_weight_renewed) {
                 V[r] = (1.0 + n_told / n_independent(before)) * learnt_covariance(run, measured, V[r]);
