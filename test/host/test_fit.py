@@ -39,7 +39,7 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
     windows = inertiad_core.Windows(config, recording.rows)
     weight = np.tile(1.0 / ours["fit"][0]["noise_std"] ** 2, len(windows.y))
     theirs = sm.WLS(windows.y.ravel(), windows.Y.reshape(-1, 10), weights=weight).fit()
-    assert ours["fit"][0]["n_rest"] == 0  # else windows at rest are treated specially
+    assert 2 * ours["fit"][0]["n_rest"] <= len(windows.y)  # else windows at rest are treated specially
     np.testing.assert_allclose(ours["body"][0]["theta"], theirs.params, rtol=1e-5, atol=1e-5)
 
 
