@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """robot.toml and its DBC files -> robot.cfg: an LCM-encoded robot_config_t and its CRC-32, all the daemon reads."""
 
+import math
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -206,9 +207,18 @@ def _values(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def differences(was: robot_config_t, now: robot_config_t) -> dict[str, str]:
-    """What two configurations disagree on, by its path: "0.64, was 0.628". Indices count from 1."""
+    """What two configurations disagree on, by its path: "0.64, was 0.628". Indices count from 1.
+
+    A number that differs by rounding, as processors with and without fused operations compile it, is the same.
+    """
     pairs = zip(_values(now, ""), _values(was, ""), strict=True)
-    return {name: f"{new!r}, was {old!r}" for (name, new), (_, old) in pairs if new != old}
+    return {name: f"{new!r}, was {old!r}" for (name, new), (_, old) in pairs if not _is_same(new, old)}
+
+
+def _is_same(a: Any, b: Any) -> bool:
+    if isinstance(a, float) and isinstance(b, float):
+        return math.isclose(a, b, rel_tol=1e-12, abs_tol=1e-15)
+    return bool(a == b)
 
 
 def write(path: Path, robot: Robot, source: str) -> int:
