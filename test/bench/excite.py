@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 
 import inertiad_core
-from inertiad import dynamics, estimate, excite, information, runs, sensors, simulate, trajectory
+from inertiad import dynamics, estimate, information, runs, sensors, simulate, trajectory
 from inertiad import robot as description
-from inertiad.excite import Asked
+from inertiad.excite import asked, problem
+from inertiad.excite import plan as planning
+from inertiad.excite import search as searching
 from inertiad.trajectory import Trajectory
 
 ROBOT = Path("firmware/robots/cogiro/robot.toml")
@@ -24,7 +26,7 @@ RATE = 500.0
 """Hz of the runs: a window averages noise as at 1 kHz, in half the time"""
 
 
-def sigma_of(request: excite.Request, path: Trajectory) -> np.ndarray:
+def sigma_of(request: planning.Request, path: Trajectory) -> np.ndarray:
     """Reported sigma [10] of a path."""
     motion = path.at(information.sample_times(path))
     f = request.checker.tensions(motion)
@@ -54,7 +56,7 @@ def reported(path: Trajectory, seed: int, folder: Path) -> np.ndarray:
     return np.array([[found[f"mass{s}"], *found[f"cog{s}"], *found[f"inertia_cog{s}"]] for s in ("", "_std")])
 
 
-def obtained(plan: excite.Plan) -> tuple[np.ndarray, np.ndarray]:
+def obtained(plan: planning.Plan) -> tuple[np.ndarray, np.ndarray]:
     """Reported sigma [10], median over SEEDS, and root mean square of the errors [10]."""
     body = description.load(ROBOT).nominal
     with tempfile.TemporaryDirectory() as folder:
@@ -65,18 +67,18 @@ def obtained(plan: excite.Plan) -> tuple[np.ndarray, np.ndarray]:
 
 def main() -> None:
     start, cpu = time.monotonic(), cpu_seconds()
-    request, plan = excite.plan(ROBOT, Asked(), 4, 0, lambda step: None)
+    request, plan = asked.plan(ROBOT, asked.Asked(), 4, 0, lambda step: None)
     seconds, cpu = time.monotonic() - start, cpu_seconds() - cpu
     model, paper = request.checker.model, trajectory.paper()
     at_equal_duration = sigma_of(request, paper) * np.sqrt(paper.duration / plan.path.duration)
     ratio, longer = at_equal_duration / plan.sigma, sigma_of(request, paper) / plan.sigma
 
-    goal = excite.goal_of(model, "A", static=False)
-    moving = plan.path.duration - 2.0 * excite.REST
-    problem = excite.Problem(request.checker, excite.motion_basis(moving, excite.HOP, model), goal, request.start)
+    goal = problem.goal_of(model, "A", static=False)
+    moving = plan.path.duration - 2.0 * problem.REST
+    found = problem.Problem(request.checker, problem.motion_basis(moving, problem.HOP, model), goal, request.start)
     dice = np.random.default_rng(1)
-    series = min((excite.random_series(problem, dice) for _ in range(N_SERIES)), key=lambda c: problem.evaluate(c)[0])
-    random = sigma_of(request, excite.Splined(request.start, series, moving)) / plan.sigma
+    series = min((searching.random_series(found, dice) for _ in range(N_SERIES)), key=lambda c: found.evaluate(c)[0])
+    random = sigma_of(request, problem.Splined(request.start, series, moving)) / plan.sigma
     print(f"excite: 20 s for CoGiRo planned in {seconds:.0f} s, {0.5 * cpu:.0f} s of each of two cores (goal 120)")
     print(f"excite: sigma of J, paper at equal duration / ours: {spread(ratio)} (goal 2)")
     print(f"excite: sigma of J, paper's 45.6 s / ours: {spread(longer)}")

@@ -10,10 +10,12 @@ from conftest import COGIRO, CORNERS, MINIMAL, TOP, minimal_toml
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
-from inertiad import dynamics, estimate, excite, information, plan_file, runs, sensors, simulate, trajectory
+from inertiad import dynamics, estimate, information, runs, sensors, simulate, trajectory
 from inertiad import robot as description
 from inertiad.error import InputError
-from inertiad.excite import Asked
+from inertiad.excite import asked, plan_file, problem
+from inertiad.excite import plan as planning
+from inertiad.excite import search as searching
 from inertiad.information import Model
 from inertiad.limits import Checker
 
@@ -24,21 +26,21 @@ ROBOT = COGIRO / "robot.toml"
 def request_():
     robot = description.load(ROBOT)
     model = Model(robot, str(ROBOT), robot.nominal)
-    limits = excite.limits_from(model, None, 30.0, 35.0, 4.0, 2.0)
+    limits = asked.limits_from(model, None, 30.0, 35.0, 4.0, 2.0)
     start = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
-    return excite.Request(Checker(model, limits), start, n_starts=2)
+    return planning.Request(Checker(model, limits), start, n_starts=2)
 
 
 @pytest.fixture(scope="module")
 def best(request_):
     """The best motion of 12 s."""
-    return excite.optimal(request_, 12.0, lambda step: None)
+    return planning.optimal(request_, 12.0, lambda step: None)
 
 
-def problem(request_, duration=11.0, criterion="A"):
+def problem_of(request_, duration=11.0, criterion="A"):
     model = request_.checker.model
-    goal = excite.goal_of(model, criterion, static=False)
-    return excite.Problem(request_.checker, excite.motion_basis(duration, 0.2, model), goal, request_.start)
+    goal = problem.goal_of(model, criterion, static=False)
+    return problem.Problem(request_.checker, problem.motion_basis(duration, 0.2, model), goal, request_.start)
 
 
 def log_inertia(sigma):
@@ -57,8 +59,8 @@ def daemon_sigma(run):
 
 @pytest.mark.parametrize("criterion", ["A", "D"])
 def test_gradient_is_that_of_the_lagrangian(request_, criterion):
-    p = problem(request_, criterion=criterion)
-    c = 1.5 * excite.random_series(p, np.random.default_rng(1))
+    p = problem_of(request_, criterion=criterion)
+    c = 1.5 * searching.random_series(p, np.random.default_rng(1))
     multiplier = np.full_like(p.evaluate(c)[1], 0.1)
     along = np.random.default_rng(2).standard_normal(c.shape)
     step = 1e-5
@@ -80,8 +82,8 @@ def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, 
     per_time = np.sqrt(path.duration / best.path.duration)
     assert log_inertia(whole * per_time) - log_inertia(ours) > np.log(2.0)
 
-    p, dice = problem(request_), np.random.default_rng(99)
-    costs = [p.evaluate(excite.random_series(p, dice))[0] for _ in range(60)]
+    p, dice = problem_of(request_), np.random.default_rng(99)
+    costs = [p.evaluate(searching.random_series(p, dice))[0] for _ in range(60)]
     doubled = np.log(2.0)  # windows come at half of the problem's hop
     assert p.cost(checker.model.windows(motion, f, 100.0))[0] + doubled < min(costs)
 
@@ -117,7 +119,7 @@ def test_motion_that_breaks_a_tension_when_driven_is_refused(request_):
     tight = robot.model_copy(update={"cable": [c.model_copy(update={"tension_max": 1330.0}) for c in robot.cable]})
     model = Model(tight, str(ROBOT), robot.nominal)
     with pytest.raises(InputError, match=r"paper: driven by a controller on elastic cables: cable \d = \d+ N at t = "):
-        excite.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
+        planning.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
 
 
 def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best, tmp_path):
@@ -144,60 +146,60 @@ def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_p
 
 
 def test_same_seed_same_motion(request_):
-    p = problem(request_, duration=5.0)
-    a, b = (excite.search(p, 3, 0) for _ in range(2))
+    p = problem_of(request_, duration=5.0)
+    a, b = (searching.search(p, 3, 0) for _ in range(2))
     assert a[0] == b[0]
     assert np.array_equal(a[1], b[1])
 
 
 def test_poses_at_rest_tell_mass_and_cog(request_):
-    plan = excite.static_poses(request_, 5, 2.0, lambda step: None)
+    plan = planning.static_poses(request_, 5, 2.0, lambda step: None)
     prior = request_.checker.model.prior_sigma()
     assert np.all(plan.sigma[:4] < 0.05 * prior[:4])
     assert plan.tension[0] >= 100.0
 
 
 def test_paper_there_and_back(tmp_path):
-    _, plan = excite.plan(ROBOT, Asked(motion="paper"), 1, 0, lambda step: None)
+    _, plan = asked.plan(ROBOT, asked.Asked(motion="paper"), 1, 0, lambda step: None)
     start, end = trajectory.PAPER_PAIRS[0]
     middle = plan.path.at(np.array([0.0, 0.5 * plan.path.duration])).p
     assert np.allclose(middle, [start[:3], end[:3]])
 
 
 def test_unreachable_sigma_names_what_limits_it(request_, best):
-    wanted = excite.wanted_sigma("mass=0.01%", request_.checker.model)
-    assert "[std] force_gain = 0.005" in excite._out_of_reach(request_.checker.model, best, wanted)
+    wanted = asked.wanted_sigma("mass=0.01%", request_.checker.model)
+    assert "[std] force_gain = 0.005" in planning._out_of_reach(request_.checker.model, best, wanted)
 
 
 def test_wanted_sigma_in_units(request_):
-    wanted = excite.wanted_sigma("mass=0.2%,cog=1mm", request_.checker.model)
+    wanted = asked.wanted_sigma("mass=0.2%,cog=1mm", request_.checker.model)
     assert wanted[:4] == pytest.approx([0.322116, 1e-3, 1e-3, 1e-3])
     assert np.all(np.isinf(wanted[4:]))
 
 
 @pytest.mark.parametrize(
-    ("asked", "message"),
+    ("words", "message"),
     [
-        (Asked(duration=0.0), "--duration 0: allowed: 5 to 600 s"),
-        (Asked(box="1,1,1,0,2,2"), "allowed: every minimum below its maximum"),
-        (Asked(box="1,1"), "allowed: 6 numbers"),
-        (Asked(start="7,5,5,0,0,0"), "start pose: no rest within the limits: tension_min of cable"),
-        (Asked(start="0,0,2,50,0,0"), "start pose: no rest within the limits: tilt"),
-        (Asked(sigma="mass=3"), "allowed: mass=0.2% or kg"),
-        (Asked(criterion="E"), "allowed: A, D"),
-        (Asked(motion="circle"), "allowed: optimal, paper"),
-        (Asked(motion="optimum"), "allowed: optimal, paper; did you mean optimal?"),
+        (asked.Asked(duration=0.0), "--duration 0: allowed: 5 to 600 s"),
+        (asked.Asked(box="1,1,1,0,2,2"), "allowed: every minimum below its maximum"),
+        (asked.Asked(box="1,1"), "allowed: 6 numbers"),
+        (asked.Asked(start="7,5,5,0,0,0"), "start pose: no rest within the limits: tension_min of cable"),
+        (asked.Asked(start="0,0,2,50,0,0"), "start pose: no rest within the limits: tilt"),
+        (asked.Asked(sigma="mass=3"), "allowed: mass=0.2% or kg"),
+        (asked.Asked(criterion="E"), "allowed: A, D"),
+        (asked.Asked(motion="circle"), "allowed: optimal, paper"),
+        (asked.Asked(motion="optimum"), "allowed: optimal, paper; did you mean optimal?"),
         (
-            Asked(start="0.3,0.3,2,0,0,0", box="1,1,1,2,2,2"),
+            asked.Asked(start="0.3,0.3,2,0,0,0", box="1,1,1,2,2,2"),
             "start pose: no rest within the limits: least x of the box",
         ),
-        (Asked(acceleration=1e-4, motion="paper"), "keeps the limits of speed and acceleration"),
-        (Asked(motion="paper", end="6,5,5,0,0,0"), "pose 2: no rest within the limits"),
+        (asked.Asked(acceleration=1e-4, motion="paper"), "keeps the limits of speed and acceleration"),
+        (asked.Asked(motion="paper", end="6,5,5,0,0,0"), "pose 2: no rest within the limits"),
     ],
 )
-def test_what_cannot_be_done_is_said(asked, message):
+def test_what_cannot_be_done_is_said(words, message):
     with pytest.raises(InputError) as error:
-        excite.plan(ROBOT, asked, 1, 0, lambda step: None)
+        asked.plan(ROBOT, words, 1, 0, lambda step: None)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -207,7 +209,7 @@ def test_anchors_below_the_platform(robot_file):
     for height in ("5.3928", "5.4009", "5.3987", "5.4106", "5.4080", "5.4182", "5.3878", "5.3975"):
         text = text.replace(f"{height}]", f"-{height}]")
     with pytest.raises(InputError, match="every anchor is below the platform"):
-        excite.plan(robot_file(text), Asked(), 1, 0, lambda step: None)
+        asked.plan(robot_file(text), asked.Asked(), 1, 0, lambda step: None)
 
 
 BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0]\n"
@@ -222,7 +224,7 @@ BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0
 )
 def test_four_cables_or_no_body(robot_file, extra, message):
     with pytest.raises(InputError, match=message):
-        excite.plan(robot_file(minimal_toml(4, extra)), Asked(), 1, 0, lambda step: None)
+        asked.plan(robot_file(minimal_toml(4, extra)), asked.Asked(), 1, 0, lambda step: None)
 
 
 FOUR = MINIMAL + "".join(
@@ -234,7 +236,7 @@ FOUR += BODY.replace("cog = [0, 0, 0]", "cog = [0.03, -0.02, -0.1]")
 
 def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
     file = robot_file(FOUR)
-    request, plan = excite.plan(file, Asked(poses=3, hold=1.5), 1, 0, lambda step: None)
+    request, plan = asked.plan(file, asked.Asked(poses=3, hold=1.5), 1, 0, lambda step: None)
     assert plan.remarks[0].startswith("4 cables leave 2 of 6 degrees of freedom free")
     assert np.abs(plan.driven.motion.omega).max() > 0.05
     assert plan.driven.f.min() >= 1.0
@@ -257,9 +259,9 @@ def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
 
 
 def test_four_cables_that_hang_nowhere_in_the_box(robot_file):
-    asked = Asked(poses=3, box="-0.1,-0.1,2.95,0.1,0.1,2.99")
+    words = asked.Asked(poses=3, box="-0.1,-0.1,2.95,0.1,0.1,2.99")
     with pytest.raises(InputError, match="4 cables: nowhere in the box does the platform hang at rest"):
-        excite.plan(robot_file(FOUR), asked, 1, 0, lambda step: None)
+        asked.plan(robot_file(FOUR), words, 1, 0, lambda step: None)
 
 
 def test_command_writes_plan_prediction_and_picture(inertiactl, tmp_path):

@@ -189,14 +189,13 @@ def excite(
 
     The file holds t, pose, velocities and accelerations; simulate --trajectory reads it.
     """
-    from inertiad import excite as planner
-    from inertiad import plan_file
+    from inertiad.excite import asked, plan_file
 
-    asked = planner.Asked(
+    words = asked.Asked(
         motion, duration, sigma, poses, hold, start, end, criterion, box, tilt, yaw, speed, acceleration
     )
     with _progress() as progress:
-        request, plan = planner.plan(robot, asked, starts, seed, progress)
+        request, plan = asked.plan(robot, words, starts, seed, progress)
         plan_file.write_csv(output, request, plan)
         plan_file.write_json(output.with_suffix(".json"), request, plan)
         if picture is not None:

@@ -9,10 +9,10 @@ import numpy as np
 
 from inertiad import dynamics, information, quantity
 from inertiad.estimate import NAMES, UNITS
-from inertiad.excite import FINE_RATE, Plan, Request, sampled
+from inertiad.excite.plan import FINE_RATE, Plan, Request, sampled
+from inertiad.excite.underactuated import elastic
 from inertiad.table import Array
 from inertiad.trajectory import DERIVATIVE_NAMES, POSE_NAMES, Rotation
-from inertiad.underactuated import elastic
 
 
 def write_csv(path: Path, request: Request, plan: Plan, rate: float = information.REHEARSAL_RATE) -> None:
