@@ -40,7 +40,7 @@ void health_count_input(daemon_t* d)
         ipe_counters_add(&d->counters, NULL, cause, d->carried.counter[k] + value);
     }
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "lost", d->presence[s].n_lost);
+        ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "silences", d->presence[s].n_lost);
     }
 }
 

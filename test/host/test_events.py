@@ -70,7 +70,7 @@ def test_sensor_that_falls_silent_is_told_lost_and_back(run, tmp_path):
     back = events_of(tmp_path / "run.lcmlog")[1][1]
     assert float(back.split()[2]) == pytest.approx(1.5, abs=0.25)
     n = counters(result)
-    assert (n["imu.lost"], n["force.lost"], n["position.lost"]) == (0, 1, 0)
+    assert (n["imu.silences"], n["force.silences"], n["position.silences"]) == (0, 1, 0)
     assert n["align.rows"] + sum(n[f"align.{c}"] for c in ("force.missing", "force.late", "overrun")) > 590
 
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import can
 import lcm
@@ -25,6 +25,8 @@ BIN = TOP / "build/bin"
 CLASSICAL, FD, TIMED = (TOP / "build/vcan" / name for name in ("robot", "robot_fd", "robot_timed"))
 URL = "udpm://239.255.76.67:7667?ttl=0"
 PATIENCE = 60.0  # s; an emulated guest is slow
+ON_TIME = 0.3  # s, no position later than that: rows still wait for it
+ATTEMPTS = 3
 
 
 def run(*command: object) -> str:
@@ -91,33 +93,52 @@ def test_frames_of_cangen_arrive_at_candump():
     assert "##" in text, "no CAN FD frame among them"
 
 
-def send_tracker(rows: list[list[float]], offset: float, is_over: threading.Event) -> None:
-    """Publish t, x, y, z when they are due, at host time t + offset [s]."""
-    link = lcm.LCM(URL)
-    message = tracker_t()
-    message.valid = True
-    for t, *message.position in rows:
-        if is_over.wait(max(0.0, t + offset - time.time())):
-            return
-        message.t_ns = round(1e9 * (t + offset))
-        link.publish("INERTIAD_TRACKER", message.encode())
-        message.sequence += 1
+def candump_into(recorded: IO[str], n: int) -> subprocess.Popen[str]:
+    """candump of the next n frames of vcan0, once it listens."""
+    listeners = Path("/proc/net/can/rcvlist_all")
+    before = listeners.read_text().count("vcan0 ")
+    dump = subprocess.Popen(["candump", "-L", "-r", "8000000", "-n", str(n), "vcan0"], stdout=recorded, text=True)
+    end = time.monotonic() + PATIENCE
+    while listeners.read_text().count("vcan0 ") == before:
+        assert time.monotonic() < end, "candump does not listen"
+        time.sleep(0.05)
+    return dump
 
 
-def test_run_replayed_by_canplayer_is_estimated_as_candump_recorded_it(tmp_path: Path):
-    # given: a run, the daemon and, beside it, candump
-    log, positions = TIMED / "run/can.log", TIMED / "run/tracker.csv"
+class Tracker(threading.Thread):
+    """Publishes t, x, y, z when they are due, at host time t + offset [s]."""
+
+    def __init__(self, rows: list[list[float]], offset: float):
+        super().__init__()
+        self.rows, self.offset, self.is_over, self.latest = rows, offset, threading.Event(), 0.0
+
+    def run(self) -> None:
+        link = lcm.LCM(URL)
+        message = tracker_t()
+        message.valid = True
+        for t, *message.position in self.rows:
+            due = t + self.offset
+            if self.is_over.wait(max(0.0, due - time.time())):
+                return
+            self.latest = max(self.latest, time.time() - due)
+            message.t_ns = round(1e9 * due)
+            link.publish("INERTIAD_TRACKER", message.encode())
+            message.sequence += 1
+
+
+def play(log: Path, rows: list[list[float]], folder: Path) -> tuple[dict[str, int], float, float]:
+    """The run's frames over vcan0 and its positions over LCM, at their time, to the daemon and, beside it, candump.
+
+    -> counters, offset of host time [s], how late the latest position was sent [s]
+    """
     n = len(log.read_text().splitlines())
-    rows = [[float(cell) for cell in line.split(",")] for line in positions.read_text().splitlines()[1:]]
-    is_over = threading.Event()
-    with daemon("--estimate", tmp_path / "live.json", robot=TIMED) as d, (tmp_path / "can.log").open("w") as recorded:
-        dump = subprocess.Popen(["candump", "-L", "-r", "8000000", "-n", str(n), "vcan0"], stdout=recorded)
+    with daemon("--estimate", folder / "live.json", robot=TIMED) as d, (folder / "can.log").open("w") as recorded:
+        dump = candump_into(recorded, n)
         listener = socketcan(fd=True)
-        # when: the run's frames come over vcan0 and its positions over LCM, at their time
         player = subprocess.Popen(["canplayer", "-I", str(log), "vcan0=can0"])
         offset = listener.recv(PATIENCE).timestamp - log_time(log)
         listener.shutdown()
-        tracker = threading.Thread(target=send_tracker, args=(rows, offset, is_over))
+        tracker = Tracker(rows, offset)
         tracker.start()
         try:
             assert player.wait(timeout=300) == 0
@@ -125,10 +146,22 @@ def test_run_replayed_by_canplayer_is_estimated_as_candump_recorded_it(tmp_path:
             assert dump.wait(timeout=PATIENCE) == 0
             tracker.join()
         finally:
-            is_over.set()
+            tracker.is_over.set()
             player.kill()
             dump.kill()
-        summary = d.stop()
+        return d.stop(), offset, tracker.latest
+
+
+def test_run_replayed_by_canplayer_is_estimated_as_candump_recorded_it(tmp_path: Path):
+    # when: a run is played, again where the machine stalled and positions were late
+    log, positions = TIMED / "run/can.log", TIMED / "run/tracker.csv"
+    n = len(log.read_text().splitlines())
+    rows = [[float(cell) for cell in line.split(",")] for line in positions.read_text().splitlines()[1:]]
+    for _ in range(ATTEMPTS):
+        summary, offset, latest = play(log, rows, tmp_path)
+        print(f"no position later than {latest:.3f} s", summary)
+        if latest <= ON_TIME:
+            break
 
     # then: nothing was lost, and the estimate is that of the recorded frames and positions, and near the truth
     assert summary["bus0.frames"] == n
