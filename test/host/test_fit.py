@@ -197,6 +197,17 @@ def test_the_command_writes_the_schema_and_names_bad_input(tmp_path: Path, recor
     assert bad.stderr.count("\n") == 1 and "magic" in bad.stderr
 
 
+def test_force_noise_does_not_make_the_body_lighter(recording: Recording) -> None:
+    """All forces and the body together a little smaller also makes the noise smaller: no reason to believe it."""
+    std = recording.robot.std.model_copy(update={"force_gain": 0.05})
+    robot, rows = recording.robot.model_copy(update={"std": std}), recording.rows
+    noise = 20.0 * np.random.default_rng(1).standard_normal(rows.f.shape)
+    t_ns = np.rint(1e9 * rows.t).astype(np.int64)
+    noisy = inertiad_core.Rows(t_ns, rows.acc, rows.gyro, rows.q, rows.position, rows.f + noise)
+    body = fit.joint(runs.config_of(robot, "test"), [Recording(recording.path, robot, noisy, 0, 0, {})]).body
+    assert abs(body.value[0] - scenes.truth(recording.path)[0]) < body.std[0]
+
+
 def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"robot\.toml: not there"):
         runs.read(tmp_path)
