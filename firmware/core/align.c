@@ -24,6 +24,7 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
     a->position_source = config->position_source;
     memcpy(a->fixed_position, config->fixed_position, sizeof a->fixed_position);
     a->max_wait_ns = to_ns(config->max_wait);
+    ipe_carry_init(&a->carry, config);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         a->max_age_ns[s] = to_ns(config->max_age[s]);
         a->delay_ns[s] = to_ns(config->delay[s]);
@@ -206,7 +207,7 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
     if (t_ns == NULL) { ring->n_held = (unsigned)n; }
 }
 
-typedef enum { FOUND, WAIT, GAP, LATE } search_t;
+typedef enum { FOUND, CARRIED, WAIT, GAP, LATE } search_t;
 
 /// Put the ring's cursor on the sample at or before t and say whether t can be interpolated from there.
 static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, bool may_wait)
@@ -276,6 +277,7 @@ static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns,
     }
 }
 
+/// What the IMU sample at the cursor and the forces there make of a row.
 static void fill_row(ipe_align_t* a, int64_t t_ns, ipe_row_t* row)
 {
     const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
@@ -285,32 +287,54 @@ static void fill_row(ipe_align_t* a, int64_t t_ns, ipe_row_t* row)
     memcpy(row->q, imu + 6, sizeof row->q);
     memset(row->f, 0, sizeof row->f);
     interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
+}
+
+/// Position of the row at t_ns: fixed, interpolated, or else carried on from those before.
+static search_t find_position(ipe_align_t* a, int64_t t_ns, search_t found, double position[3])
+{
     if (a->position_source == IPE_POSITION_FIXED) {
-        memcpy(row->position, a->fixed_position, sizeof row->position);
-    } else {
-        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, row->position);
+        memcpy(position, a->fixed_position, sizeof a->fixed_position);
+        return FOUND;
     }
+    const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
+    ipe_carry_advance(&a->carry, t_ns, imu, imu + 6);
+    if (found == FOUND) {
+        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, position);
+        ipe_carry_learn(&a->carry, a->ring[IPE_POSITION].cursor, position);
+        return FOUND;
+    }
+    return ipe_carry_read(&a->carry, position) ? CARRIED : found;
+}
+
+static void count(ipe_align_t* a, ipe_sensor_t sensor, search_t found)
+{
+    a->n_missing[sensor] += found == GAP;
+    a->n_late[sensor] += found == LATE;
 }
 
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
 {
     ipe_ring_t* imu = &a->ring[IPE_IMU];
-    for (; imu->cursor < timed(imu); ++imu->cursor) {
+    while (imu->cursor < timed(imu)) {
         const int64_t t_ns = stamp(imu, imu->cursor);
-        const bool may_wait = !a->is_ending && stamp(imu, timed(imu) - 1) - t_ns <= a->max_wait_ns;
-        search_t worst = FOUND;
-        for (int s = IPE_FORCE; s < IPE_SENSOR_COUNT && worst == FOUND; ++s) {
-            if (s == IPE_POSITION && a->position_source == IPE_POSITION_FIXED) { continue; }
-            worst = search(a, (ipe_sensor_t)s, t_ns, may_wait);
-            if (worst == WAIT) { return IPE_NOT_READY; }
-            a->n_missing[s] += worst == GAP;
-            a->n_late[s] += worst == LATE;
-        }
-        if (worst != FOUND) { continue; }
-        fill_row(a, t_ns, row);
+        const bool is_full = imu->head - imu->cursor >= IPE_RING;
+        const bool may_wait = !a->is_ending && !is_full && stamp(imu, timed(imu) - 1) - t_ns <= a->max_wait_ns;
+        const search_t force = search(a, IPE_FORCE, t_ns, may_wait);
+        const bool is_fixed = a->position_source == IPE_POSITION_FIXED;
+        search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns, may_wait);
+        if (force == WAIT || position == WAIT) { return IPE_NOT_READY; }
+        position = find_position(a, t_ns, position, row->position);
+        if (force == FOUND) { fill_row(a, t_ns, row); }
         ++imu->cursor;
-        ++a->n_rows;
-        return IPE_OK;
+        if (force != FOUND) {
+            count(a, IPE_FORCE, force);
+        } else if (position != FOUND && position != CARRIED) {
+            count(a, IPE_POSITION, position);
+        } else {
+            ++a->n_rows;
+            a->n_carried += position == CARRIED;
+            return IPE_OK;
+        }
     }
     return IPE_NOT_READY;
 }

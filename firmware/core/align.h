@@ -2,15 +2,17 @@
 /// Samples of three sensors, each with its own rate -> one row per IMU sample.
 ///
 /// A row waits until force and position reach past its instant, at most max_wait; they are interpolated there by a cubic
-/// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. What a row
-/// could not get is counted by cause and the row is dropped: a row is whole or it does not exist.
+/// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. A position that
+/// is not there is carried on from those before (carry.h). What a row could not get is counted by cause and the row is
+/// dropped: a row is whole or it does not exist. Rows wait no longer than the ring has room.
 /// A sample may come up to 8 samples late if no row has used its neighbours yet. Samples whose instant is not known yet are
 /// held in the ring; rows wait for them as for samples that have not come.
-/// 25 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
+/// 26 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
 /// were pushed, as long as no row waits longer than max_wait.
 #ifndef IPE_ALIGN_H
 #define IPE_ALIGN_H
 
+#include "carry.h"
 #include "config.h"
 #include "group.h"
 #include "pace.h"
@@ -39,6 +41,7 @@ typedef struct {
     double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
+    ipe_carry_t carry;
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
@@ -47,7 +50,8 @@ typedef struct {
     uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< stamps stepped back by over a second: started again
     uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< refused: a value is NaN or Inf
     uint64_t n_bad_quaternion;               ///< IMU samples refused: quaternion's length not 1 +- 0.1
-    uint64_t n_rows;                         ///< IMU samples that became rows
+    uint64_t n_rows;                         ///< IMU samples that became rows,
+    uint64_t n_carried;                      ///< of these: position carried through a gap
     uint64_t n_overrun;                      ///< IMU samples lost: ring full while waiting
     uint64_t n_missing[IPE_SENSOR_COUNT];    ///< IMU samples dropped: this sensor had a gap there
     uint64_t n_late[IPE_SENSOR_COUNT];       ///< IMU samples dropped: this sensor did not come within max_wait

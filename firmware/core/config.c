@@ -158,6 +158,7 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     check_all(c, "bus_bitrate", k->bus_bitrate, IPE_BUSES_MAX, 0.0, 1e8, "bit/s");
     check_range(c, "max_wait", -1, k->max_wait, 0.0, 10.0, "s");
     check_all(c, "max_age", k->max_age, IPE_SENSOR_COUNT, 1e-6, 10.0, "s");
+    check_range(c, "max_carry", -1, k->max_carry, 0.0, 10.0, "s");
     check_all(c, "delay", k->delay, IPE_SENSOR_COUNT, -1.0, 1.0, "s");
     check_all(c, "acc_bias", k->acc_bias, 3, -20.0, 20.0, "m/s2");
     check_all(c, "gyro_bias", k->gyro_bias, 3, -1.0, 1.0, "rad/s");

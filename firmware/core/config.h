@@ -30,14 +30,13 @@ typedef struct {
     int32_t frame_length;  ///< bytes
     int32_t start;         ///< DBC start bit: LSB for Intel, MSB for Motorola
     int32_t length;        ///< bits, 1..64
-    bool big_endian;
+    bool big_endian, mux_big_endian;
     bool is_signed;
     int32_t kind;             ///< ipe_signal_kind_t
     double scale, offset;
     double minimum, maximum;  ///< SI; equal: no limits
     int32_t mux_start;        ///< -1: not multiplexed
     int32_t mux_length;
-    bool mux_big_endian;
     int64_t mux_value;
 } ipe_signal_t;
 
@@ -65,6 +64,7 @@ typedef struct {
 
     double max_wait;                      ///< s a row waits for the slowest sensor
     double max_age[IPE_SENSOR_COUNT];     ///< s between samples that interpolation may bridge
+    double max_carry;                     ///< s that attitude and IMU carry the position through a gap; 0: not at all
     double delay[IPE_SENSOR_COUNT];       ///< s from the measured instant to its stamp
 
     double acc_bias[3], gyro_bias[3];     ///< I axes, m/s2, rad/s

@@ -430,6 +430,7 @@ const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64
         {"align.position.restarts", p->align.n_restarts[IPE_POSITION]},
         {"align.position.not_finite", p->align.n_nonfinite[IPE_POSITION]},
         {"align.rows", p->align.n_rows},
+        {"align.position.carried", p->align.n_carried},
         {"align.overrun", p->align.n_overrun},
         {"align.force.missing", p->align.n_missing[IPE_FORCE]},
         {"align.force.late", p->align.n_late[IPE_FORCE]},

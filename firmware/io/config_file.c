@@ -99,6 +99,7 @@ static void copy_sources(ipe_config_t* to, const wire_t* from)
     COPY(to->bus_bitrate, from->bus_bitrate);
     to->max_wait = from->max_wait;
     COPY(to->max_age, from->max_age);
+    to->max_carry = from->max_carry;
     COPY(to->delay, from->delay);
 }
 

@@ -406,6 +406,60 @@ static void test_push_rpy_becomes_quaternion(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, sin(2.0) * cos(-0.2), R[1][0]);
 }
 
+/// IMU and forces every ms at rest, positions every 4 ms but for a gap of some ms after 2 s; rows that were made.
+static int rest_with_gap(int64_t gap_ms)
+{
+    const double imu[10] = {0.0, 0.0, config.gravity, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0};
+    const double position[3] = {1.0, 2.0, 3.0}, force[IPE_CABLES_MAX] = {100.0};
+    int n = 0;
+    ipe_align_init(&align, &config);
+    for (int64_t t = 0; t <= 4000; ++t) {
+        (void)ipe_align_push(&align, IPE_IMU, t * MS, imu);
+        (void)ipe_align_push(&align, IPE_FORCE, t * MS, force);
+        if (t % 4 == 0 && (t <= 2000 || t >= 2000 + gap_ms)) {
+            (void)ipe_align_push(&align, IPE_POSITION, t * MS, position);
+        }
+        for (; ipe_align_pop(&align, &row) == IPE_OK; ++n) { TEST_ASSERT_DOUBLE_WITHIN(1e-3, 3.0, row.position[2]); }
+    }
+    return n;
+}
+
+static void test_pop_longer_gap_never_makes_fewer_carried_or_lost(void)
+{
+    config.max_carry = 0.3;
+    uint64_t carried = 0, lost = 0;
+    for (int64_t gap = 0; gap <= 1000; gap += 8) {  // given, when
+        const int n = rest_with_gap(gap);
+        const uint64_t missing = align.n_missing[IPE_POSITION] + align.n_late[IPE_POSITION];
+        TEST_ASSERT_EQUAL_UINT64((uint64_t)n, align.n_rows);  // then
+        TEST_ASSERT_EQUAL_UINT64(align.n_samples[IPE_IMU],
+                                 align.n_rows + missing + align.ring[IPE_IMU].head - align.ring[IPE_IMU].cursor);
+        TEST_ASSERT_GREATER_OR_EQUAL_UINT64(carried, align.n_carried);
+        TEST_ASSERT_GREATER_OR_EQUAL_UINT64(lost, missing);
+        carried = align.n_carried;
+        lost = missing;
+    }
+    TEST_ASSERT_EQUAL_UINT64(300, carried);  // of the last gap, 2001 .. 2300 ms
+    TEST_ASSERT_EQUAL_UINT64(699, lost);     // and 2301 .. 2999
+}
+
+static void test_pop_without_max_carry_nothing_is_carried(void)
+{
+    (void)rest_with_gap(500);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_carried);
+    TEST_ASSERT_EQUAL_UINT64(499, align.n_missing[IPE_POSITION] + align.n_late[IPE_POSITION]);
+}
+
+static void test_pop_full_ring_waits_no_longer(void)
+{
+    config.max_wait = 0.25;  // given: longer than the ring
+    config.max_carry = 0.3;
+    (void)rest_with_gap(200);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_overrun);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_late[IPE_POSITION]);
+    TEST_ASSERT_EQUAL_UINT64(199, align.n_carried);
+}
+
 static void test_push_imu_alone_overruns_and_counts(void)
 {
     config.max_wait = 10.0;                                              // given: nothing else ever comes
@@ -422,6 +476,9 @@ int main(void)
     RUN_TEST(test_pop_quadratic_signals_of_other_rates_are_interpolated_exactly);
     RUN_TEST(test_pop_uneven_sampling_is_interpolated_exactly);
     RUN_TEST(test_pop_same_instant_takes_sample_as_it_is);
+    RUN_TEST(test_pop_longer_gap_never_makes_fewer_carried_or_lost);
+    RUN_TEST(test_pop_without_max_carry_nothing_is_carried);
+    RUN_TEST(test_pop_full_ring_waits_no_longer);
     RUN_TEST(test_pop_waits_for_slow_sensor);
     RUN_TEST(test_pop_waits_no_longer_than_max_wait);
     RUN_TEST(test_pop_across_gap_drops_rows_and_counts);

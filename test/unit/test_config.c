@@ -63,6 +63,7 @@ static const struct {
     {AT(bus_bitrate[3]), -1.0, "bus_bitrate[3] = -1: allowed 0 .. 1e+08 bit/s"},
     {AT(max_wait), 11.0, "max_wait = 11: allowed 0 .. 10 s"},
     {AT(max_age[2]), 0.0, "max_age[2] = 0: allowed 1e-06 .. 10 s"},
+    {AT(max_carry), -0.1, "max_carry = -0.1: allowed 0 .. 10 s"},
     {AT(delay[1]), -1.5, "delay[1] = -1.5: allowed -1 .. 1 s"},
     {AT(acc_bias[0]), 30.0, "acc_bias[0] = 30: allowed -20 .. 20 m/s2"},
     {AT(gyro_bias[0]), 2.0, "gyro_bias[0] = 2: allowed -1 .. 1 rad/s"},

@@ -122,6 +122,7 @@ def _fill_sensors(config: robot_config_t, robot: Robot) -> None:
     config.fixed_position = robot.position.fixed or [0.0, 0.0, 0.0]
     config.max_wait = robot.align.max_wait
     config.max_age = [robot.align.max_age_imu, robot.align.max_age_force, robot.align.max_age_position]
+    config.max_carry = robot.align.max_carry
     config.delay = [robot.align.delay_imu, robot.align.delay_force, robot.align.delay_position]
 
 

@@ -37,6 +37,8 @@ gravity                              9.81                 m/s2, along -z of W
 [attitude] source                    "quaternion"         "quaternion", "rpy"
 [align] max_wait                     0.25                 s a row waits for the slowest sensor
 [align] max_age_{imu,force,position} 0.1, 0.1, 0.25       s interpolation may bridge
+[align] max_carry                    0.5                  s that attitude and IMU carry the position on when the
+                                                          tracker is silent, 0: not at all
 [align] delay_{imu,force,position}   0                    s from the measured instant to its stamp
 [std] acc_bias, gyro_bias            0.02, 1.75e-4        m/s2, rad/s; all of [std]: one sigma left after calibration
 [std] attitude, world_yaw            5.2e-3, 8.7e-3       rad
@@ -244,6 +246,7 @@ class Align(Strict):
     max_age_imu: Age = 0.1
     max_age_force: Age = 0.1
     max_age_position: Age = 0.25
+    max_carry: Annotated[float, AfterValidator(Range(0, 10, "s"))] = 0.5
     delay_imu: Delay = 0.0
     delay_force: Delay = 0.0
     delay_position: Delay = 0.0

@@ -85,7 +85,8 @@ def _poses(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Table
 def completed(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Table, Table, tuple[str, ...]]:
     """Signals with every column the rows need, and what was done, in words.
 
-    Samples further apart than a window are taken as poses at rest.
+    Samples further apart than a window are taken as poses at rest. Specific force derived from positions cannot carry
+    them through gaps.
     """
     if len(signals.t) < 2 or float(np.median(np.diff(signals.t))) > robot.estimator.window_length:
         robot, signals, positions = _poses(robot, signals, positions)
@@ -100,5 +101,6 @@ def completed(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Ta
     if quantity.ACC[0] not in columns:
         s = force_from_positions(robot, signals, positions, distance)
         columns |= dict(zip(quantity.ACC, s.T, strict=True))
+        robot = robot.model_copy(update={"align": robot.align.model_copy(update={"max_carry": 0.0})})
         notes.append("specific force derived from positions")
     return robot, Table(signals.t, columns, signals.source), positions, tuple(notes)

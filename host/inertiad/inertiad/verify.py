@@ -204,7 +204,13 @@ def _check_live_stamps(bus: int, log: CanLog, raw: CanLog) -> Check:
 
 
 def _is_bad(counter: str, is_live: bool) -> bool:
-    """True if the counter must be zero. Samples stamped too late by a busy host are judged by _check_rows()."""
+    """True if the counter must be zero.
+
+    Samples that a busy host stamped too late are judged by _check_rows(), and so is a tracker that lost sight: neither
+    is the daemon's doing.
+    """
+    if counter == "position.lost":
+        return False
     stage, _, name = counter.partition(".")
     return counter.rpartition(".")[2] in BAD_COUNTERS and not (is_live and stage == "align" and "backwards" in name)
 
@@ -234,7 +240,9 @@ def _check_positions(case: Case) -> Iterator[Check]:
     counters = case.published.summary
     n = counters.get("lcm.tracker_positions" if case.published.is_live else "tracker.positions", 0)
     sent = len(case.positions)
-    yield Check("tracker positions", n == sent, f"{n} of {sent} taken")
+    silent = counters.get("position.lost", 0)
+    detail = f"{n} of {sent} taken" + (f"; lost sight {silent} times" if silent else "")
+    yield Check("tracker positions", n == sent, detail)
 
 
 # ---- rows ------------------------------------------------------------------------------------------------------------
@@ -284,7 +292,7 @@ def _check_rows(case: Case) -> Iterator[Check]:
     n_imu = counters.get("align.imu.samples", 0) + counters.get("align.imu.backwards", 0)
     lost = n_imu - len(t_ns)
     good = n_imu > 0 and 0 <= lost <= max(ROWS_LOST_MAX * n_imu, 50)
-    causes = ("missing", "late", "backwards")
+    causes = ("missing", "late", "backwards", "carried")
     told = ", ".join(f"{name} {n}" for name, n in counters.items() if n and name.rpartition(".")[2] in causes)
     yield Check("rows", good, f"{len(t_ns)} of {n_imu} IMU samples{f'; {told}' if told else ''}")
     ordered = len(t_ns) > 0 and bool((np.diff(t_ns) > 0).all())
