@@ -206,11 +206,8 @@ def _check_live_stamps(bus: int, log: CanLog, raw: CanLog) -> Check:
 def _is_bad(counter: str, is_live: bool) -> bool:
     """True if the counter must be zero.
 
-    Samples that a busy host stamped too late are judged by _check_rows(), and so is a tracker that lost sight: neither
-    is the daemon's doing.
+    Samples that a busy host stamped too late are judged by _check_rows(): they are not the daemon's doing.
     """
-    if counter == "position.lost":
-        return False
     stage, _, name = counter.partition(".")
     return counter.rpartition(".")[2] in BAD_COUNTERS and not (is_live and stage == "align" and "backwards" in name)
 
@@ -240,8 +237,8 @@ def _check_positions(case: Case) -> Iterator[Check]:
     counters = case.published.summary
     n = counters.get("lcm.tracker_positions" if case.published.is_live else "tracker.positions", 0)
     sent = len(case.positions)
-    silent = counters.get("position.lost", 0)
-    detail = f"{n} of {sent} taken" + (f"; lost sight {silent} times" if silent else "")
+    silences = counters.get("position.silences", 0)
+    detail = f"{n} of {sent} taken" + (f"; silent {silences} times" if silences else "")
     yield Check("tracker positions", n == sent, detail)
 
 
