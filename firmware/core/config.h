@@ -60,10 +60,11 @@ typedef struct {
 
     int32_t n_signals;
     ipe_signal_t signal[IPE_SIGNALS_MAX];
-    double bus_bitrate[IPE_BUSES_MAX];    ///< bit/s, 0: unknown
+    double bus_bitrate[IPE_BUSES_MAX];       ///< bit/s, 0: unknown
+    double bus_data_bitrate[IPE_BUSES_MAX];  ///< bit/s of an FD frame's data phase, 0: does not switch
 
-    double max_wait;                      ///< s a row waits for the slowest sensor
-    double max_age[IPE_SENSOR_COUNT];     ///< s between samples that interpolation may bridge
+    double max_wait;                         ///< s a row waits for the slowest sensor
+    double max_age[IPE_SENSOR_COUNT];        ///< s between samples that interpolation may bridge
     double max_carry;                     ///< s that attitude and IMU carry the position through a gap; 0: not at all
     double delay[IPE_SENSOR_COUNT];       ///< s from the measured instant to its stamp
 

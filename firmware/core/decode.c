@@ -27,10 +27,7 @@ static bool same_message(const ipe_signal_t* a, const ipe_signal_t* b)
 void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config)
 {
     memset(d, 0, sizeof *d);
-    for (int i = 0; i < IPE_BUSES_MAX; ++i) {
-        d->bit_time[i] = config->bus_bitrate[i] > 0.0 ? 1.0 / config->bus_bitrate[i] : 0.0;
-    }
-    d->signal = config->signal;
+    d->config = config;
     int n = 0;
     for (int i = 0; i < config->n_signals; ++i) {
         const ipe_signal_t* head = &config->signal[i];
@@ -117,11 +114,18 @@ static void decode_signal(ipe_decode_t* d, const ipe_signal_t* s, const uint8_t*
     }
 }
 
-/// Time on the wire of a classical data frame without stuff bits; an FD frame's data phase has a rate of its own.
-static double wire_time(const ipe_decode_t* d, const ipe_frame_t* frame)
+/// Time on the wire of a data frame with the pause after it, fixed stuff bits included, others not: those depend on the
+/// content, and the clock follows the frames that came through quickest.
+static double wire_time(const ipe_config_t* config, const ipe_frame_t* frame)
 {
-    const int overhead = (frame->can_id & IPE_CAN_EFF) ? 67 : 47;
-    return (frame->flags & IPE_FRAME_FD) ? 0.0 : d->bit_time[frame->bus] * (overhead + 8 * frame->length);
+    const double rate = config->bus_bitrate[frame->bus], data_rate = config->bus_data_bitrate[frame->bus];
+    const bool is_extended = (frame->can_id & IPE_CAN_EFF) != 0;
+    const int data = 8 * frame->length;
+    if (rate <= 0.0) { return 0.0; }
+    if (!(frame->flags & IPE_FRAME_FD)) { return ((is_extended ? 67 : 47) + data) / rate; }
+    const int phase = data + (frame->length > 16 ? 38 : 33);  // ESI, DLC, stuff count, CRC of 21 or 17, its delimiter
+    return (is_extended ? 48 : 29) / rate +
+           phase / ((frame->flags & IPE_FRAME_BRS) && data_rate > 0.0 ? data_rate : rate);
 }
 
 ipe_status_t ipe_decode_frame(ipe_decode_t* d, const ipe_frame_t* frame, ipe_sample_t* sample)
@@ -147,10 +151,10 @@ ipe_status_t ipe_decode_frame(ipe_decode_t* d, const ipe_frame_t* frame, ipe_sam
     uint8_t data[72] = {0};
     memcpy(data, frame->data, frame->length);
     sample->t_ns = frame->t_ns;
-    sample->wire_time = wire_time(d, frame);
+    sample->wire_time = wire_time(d->config, frame);
     sample->n = 0;
     const uint8_t* order = &d->order[d->slot[at].first];
-    for (unsigned i = 0; i < d->slot[at].n; ++i) { decode_signal(d, &d->signal[order[i]], data, sample); }
+    for (unsigned i = 0; i < d->slot[at].n; ++i) { decode_signal(d, &d->config->signal[order[i]], data, sample); }
     ++d->n_decoded;
     return sample->n > 0 ? IPE_OK : IPE_IGNORED;
 }

@@ -27,21 +27,20 @@ typedef struct {
         uint32_t can_id;
         uint8_t bus, frame_length, first, n;  ///< order[first .. first + n - 1]; n = 0: empty slot
     } slot[IPE_DECODE_SLOTS];
-    const ipe_signal_t* signal;               ///< the configuration's
-    uint8_t order[IPE_SIGNALS_MAX];           ///< indices of it, those of one message neighbours
-    double bit_time[IPE_BUSES_MAX];           ///< s, 0: unknown
+    const ipe_config_t* config;
+    uint8_t order[IPE_SIGNALS_MAX];  ///< indices of its signals, those of one message neighbours
 
-    uint64_t n_frames;                        ///< every frame pushed = sum of the counters below that are per frame
+    uint64_t n_frames;               ///< every frame pushed = sum of the counters below that are per frame
     uint64_t n_decoded;
-    uint64_t n_unknown;                       ///< ID that no signal is bound to
-    uint64_t n_remote;                        ///< remote frames
-    uint64_t n_error;                         ///< error frames
-    uint64_t n_bad_length;                    ///< known ID, wrong number of bytes
-    uint64_t n_nonfinite;                     ///< signals refused: NaN or Inf
-    uint64_t n_out_of_range;                  ///< signals refused: outside the limits of the DBC
+    uint64_t n_unknown;              ///< ID that no signal is bound to
+    uint64_t n_remote;               ///< remote frames
+    uint64_t n_error;                ///< error frames
+    uint64_t n_bad_length;           ///< known ID, wrong number of bytes
+    uint64_t n_nonfinite;            ///< signals refused: NaN or Inf
+    uint64_t n_out_of_range;         ///< signals refused: outside the limits of the DBC
 } ipe_decode_t;
 
-/// Build the table from config->signal, which is kept by pointer and must outlive it. Cost: once, n_signals^2.
+/// Build the table from config, which is kept by pointer and must outlive it. Cost: once, n_signals^2.
 void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config);
 
 /// Decode one frame. Signals that are not finite or out of range are left out of the sample and counted.

@@ -25,6 +25,7 @@ static const struct {
     FIELD(n_signals, IPE_SETTINGS_NEW),
     FIELD(signal, IPE_SETTINGS_NEW),
     FIELD(bus_bitrate, IPE_SETTINGS_LEARNT_HOLDS),
+    FIELD(bus_data_bitrate, IPE_SETTINGS_LEARNT_HOLDS),
     FIELD(max_wait, IPE_SETTINGS_LEARNT_HOLDS),
     FIELD(max_age, IPE_SETTINGS_LEARNT_HOLDS),
     FIELD(max_carry, IPE_SETTINGS_LEARNT_HOLDS),

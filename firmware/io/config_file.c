@@ -97,6 +97,7 @@ static void copy_sources(ipe_config_t* to, const wire_t* from)
     to->n_signals = from->n_signals;
     for (int i = 0; i < IPE_SIGNALS_MAX; ++i) { copy_signal(&to->signal[i], &from->signal[i]); }
     COPY(to->bus_bitrate, from->bus_bitrate);
+    COPY(to->bus_data_bitrate, from->bus_data_bitrate);
     to->max_wait = from->max_wait;
     COPY(to->max_age, from->max_age);
     to->max_carry = from->max_carry;

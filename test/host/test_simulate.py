@@ -9,7 +9,7 @@ import pytest
 from conftest import COGIRO
 
 import inertiad_core
-from inertiad import bus, sensors, trajectory
+from inertiad import bus, encode, runs, sensors, trajectory
 from inertiad import compile as compiler
 from inertiad import mechanics as mechanics_of
 from inertiad import robot as description
@@ -283,6 +283,24 @@ def test_frames_on_the_bus_follow_each_other(cogiro, tmp_path):
     # six frames at 1 Mbit/s: 47 + 48 bits, then five of 47 + 64
     assert first == pytest.approx(np.cumsum([95e-6] + [111e-6] * 5), abs=1e-6)
     assert [i for _, i in read[:6]] == ["010", "011", "012", "013", "020", "021"]
+
+
+def test_fd_frame_takes_the_bits_of_both_phases():
+    short, long = (encode.Frames(0, 0x100, True, np.zeros((1, n), np.uint8)) for n in (8, 64))
+    assert bus.frame_time(short, 1e6, 5e6) == pytest.approx(29e-6 + (64 + 33) / 5e6)  # 17 of CRC, 6 fixed stuff bits
+    assert bus.frame_time(long, 1e6, 5e6) == pytest.approx(29e-6 + (512 + 38) / 5e6)  # 21 and 7
+    assert bus.frame_time(long, 1e6, 5e6, stuffed=True) == pytest.approx(33e-6 + (512 + 38 + 130) / 5e6)
+
+
+@pytest.mark.parametrize("name", ["robot.toml", "robot_fd.toml"])
+def test_rows_carry_their_samples_time_not_that_of_the_frames_end(tmp_path, name):
+    robot = description.load(COGIRO / name)
+    still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 2.0)
+    level = Faults(bus_timing=True)  # given: a frame is stamped when it has got through
+    write(Run(COGIRO / name, robot, BODY, still, "hold", level, "test", 500.0, 1), tmp_path)
+    t = runs.read(tmp_path).rows.t - simulator.START  # when
+    assert len(t) > 900
+    assert np.abs(t - np.rint(500.0 * t) / 500.0).max() < 1.5e-6  # then: but for the stamps' microseconds
 
 
 def test_overloaded_bus_is_refused(cogiro, tmp_path):

@@ -342,16 +342,20 @@ static void test_decode_frame_interleaved_signals_of_two_messages_stay_apart(voi
 static void test_decode_frame_knows_its_time_on_the_wire(void)
 {
     config.bus_bitrate[0] = 1e6;  // given: 1 Mbit/s on bus 0, unknown on bus 1
+    config.bus_data_bitrate[0] = 5e6;
     add_signal(0, 0x100, 0, 8);
     add_signal(0, 0x100 | IPE_CAN_EFF, 0, 8);
     add_signal(0, 0x100, 0, 8)->bus = 1;
+    add_signal(0, 0x101 | IPE_CAN_EFF, 0, 8)->frame_length = 64;
     ipe_decode_init(&decode, &config);
-    ipe_frame_t f[4] = {{.can_id = 0x100, .length = 8},
-                        {.can_id = 0x100 | IPE_CAN_EFF, .length = 8},
-                        {.can_id = 0x100, .length = 8, .flags = IPE_FRAME_FD},
-                        {.can_id = 0x100, .length = 8, .bus = 1}};
-    const double expected[4] = {111e-6, 131e-6, 0.0, 0.0};
-    for (int i = 0; i < 4; ++i) {
+    const ipe_frame_t f[] = {{.can_id = 0x100, .length = 8},
+                             {.can_id = 0x100 | IPE_CAN_EFF, .length = 8},
+                             {.can_id = 0x100, .length = 8, .bus = 1},
+                             {.can_id = 0x100, .length = 8, .flags = IPE_FRAME_FD},
+                             {.can_id = 0x100, .length = 8, .flags = IPE_FRAME_FD | IPE_FRAME_BRS},
+                             {.can_id = 0x101 | IPE_CAN_EFF, .length = 64, .flags = IPE_FRAME_FD | IPE_FRAME_BRS}};
+    const double expected[] = {111e-6, 131e-6, 0.0, 126e-6, 29e-6 + 97e-6 / 5, 48e-6 + 550e-6 / 5};
+    for (int i = 0; i < 6; ++i) {
         (void)ipe_decode_frame(&decode, &f[i], &sample);                  // when
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, expected[i], sample.wire_time);  // then
     }

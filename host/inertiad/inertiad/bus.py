@@ -24,13 +24,19 @@ Mask = NDArray[np.bool_]
 
 
 def frame_time(frames: Frames, bitrate: float, data_bitrate: float, stuffed: bool = False) -> float:
-    """s that one frame takes on the bus, with none or the most stuff bits; FD frames switch to data_bitrate."""
+    """s that one frame and the pause after it take, with none or the most stuff bits; FD frames switch to data_bitrate.
+
+    The stuff bits at fixed places in an FD frame's CRC are always there.
+    """
     n = frames.data.shape[1]
-    extended = 20 if frames.can_id & dbc.EXTENDED_ID else 0
+    is_extended = bool(frames.can_id & dbc.EXTENDED_ID)
     if frames.is_fd:
-        data = 8 * n + (21 if n > 16 else 17) + 10
-        return (29 + extended) / bitrate + data * (1.2 if stuffed else 1.0) / data_bitrate
-    bits = 34 + extended + 8 * n
+        arbitration, data = (36 if is_extended else 17), 5 + 8 * n
+        check = 4 + (21 + 7 if n > 16 else 17 + 6) + 1
+        dynamic = (arbitration - 1) // 4, (data + 4) // 4
+        more = dynamic if stuffed else (0, 0)
+        return (arbitration + more[0] + 12) / bitrate + (data + more[1] + check) / data_bitrate
+    bits = (54 if is_extended else 34) + 8 * n
     return (bits + 13 + ((bits - 1) // 4 if stuffed else 0)) / bitrate
 
 

@@ -168,6 +168,7 @@ def config_of(robot: Robot, bindings: list[Binding]) -> robot_config_t:
     config.n_signals = len(bindings)
     config.signal = [_signal(b) for b in bindings] + [_signal(None)] * (robot_config_t.SIGNALS_MAX - len(bindings))
     config.bus_bitrate = _padded([bus.bitrate for bus in robot.bus], 8)
+    config.bus_data_bitrate = _padded([bus.data_bitrate for bus in robot.bus], 8)
     _fill_sensors(config, robot)
     _fill_calibration(config, robot)
     _fill_estimator(config, robot)

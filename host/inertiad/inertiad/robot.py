@@ -23,7 +23,7 @@ gravity                              9.81                 m/s2, along -z of W
 [[bus]] dbc                          generated            file or list of files, beside robot.toml; buses in the
                                                           order of the daemon's --bus
 [[bus]] bitrate                      1_000_000            bit/s, 0: stamps are those of the samples
-[[bus]] data_bitrate                 5_000_000            bit/s of the data phase of CAN FD, for simulation
+[[bus]] data_bitrate                 5_000_000            bit/s of the data phase of CAN FD
 [signals] QUANTITY = "MESSAGE.sig"   as generated         acc_x..z gyro_x..z q_w..z roll pitch yaw pos_x..z f_1..f_m,
                                                           {imu,force,pos}_counter, {imu,force,pos}_time;
                                                           "bus1:MESSAGE.sig" where a message is on several buses;
