@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 import inertiad_core
-from inertiad import diagnose, fit, runs, sources
+from inertiad import diagnose, fit, runs, sources, tracker_csv
+from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.estimate import read
 from inertiad.runs import Recording
+from inertiad.table import Table
 
 TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
@@ -139,6 +142,49 @@ def test_without_gyro_and_accelerometer_the_body_is_found(tmp_path: Path) -> Non
     estimate = fit.wls(runs.config_of(run.robot, ""), [run])
     error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
     assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+
+
+def test_without_an_attitude_that_of_the_trackers_poses_serves(tmp_path: Path) -> None:
+    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    file = _csv(tmp_path / "signals.csv", ideal, ["acc", "gyro", "f"])
+    rows = ideal.rows
+    columns = dict(zip(("x", "y", "z"), rows.position[::2].T, strict=True))
+    columns |= dict(zip(("q_w", "q_x", "q_y", "q_z"), rows.q[::2].T, strict=True))
+    tracker_csv.write(tmp_path / "tracker.csv", Table(rows.t[::2], columns, "poses at 50 Hz"))
+    run = runs.read(file, scenes.COGIRO)
+    assert run.notes == ("attitude of the tracker's poses",)
+    estimate = fit.wls(runs.config_of(run.robot, ""), [run])
+    error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
+    assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+
+
+def test_trackers_poses_are_turned_into_the_imus_axes_and_time() -> None:
+    robot = description.load(scenes.COGIRO)
+    mount, late = Rotation.from_euler("z", 0.7), 0.02
+    robot = robot.model_copy(
+        update={
+            "imu": robot.imu.model_copy(update={"orientation": mount.as_quat(scalar_first=True).tolist()}),
+            "align": robot.align.model_copy(update={"delay_position": late}),
+        }
+    )
+    t = np.r_[np.arange(0.0, 1.0, 0.1), np.arange(2.0, 3.0, 0.1)]  # a gap of 1.1 s
+    body = Rotation.from_euler("x", (t - late)[:, None])  # the platform at the measured instant
+    poses = Table(t, dict(zip(("q_w", "q_x", "q_y", "q_z"), body.as_quat(scalar_first=True).T, strict=True)), "poses")
+    at = np.arange(-0.5, 3.5, 0.025)
+    q, chosen = sources.attitude_from_poses(robot, poses, at)
+    seen = at + late
+    assert np.array_equal(chosen, ((seen >= 0.0) & (seen <= 0.9)) | ((seen >= 2.0) & (seen <= t[-1])))
+    expected = Rotation.from_euler("x", at[chosen][:, None]) * mount
+    assert (expected.inv() * Rotation.from_quat(q, scalar_first=True)).magnitude().max() < 1e-9
+
+
+def test_poses_of_another_time_leave_nothing(tmp_path: Path) -> None:
+    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    file = _csv(tmp_path / "signals.csv", ideal, ["acc", "gyro", "f"])
+    columns = dict.fromkeys(("x", "y", "z", "q_x", "q_y", "q_z"), np.zeros(5)) | {"q_w": np.ones(5)}
+    tracker_csv.write(tmp_path / "tracker.csv", Table(1e4 + np.arange(5.0), columns, "later"))
+    with pytest.raises(InputError, match=r"no pose within 0\.25 s of any sample"):
+        runs.read(file, scenes.COGIRO)
 
 
 def test_poses_at_rest_give_mass_and_cog_and_no_inertia(tmp_path: Path) -> None:

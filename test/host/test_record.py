@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ISOLATED, TOP
+from scipy.spatial.transform import Rotation
 
-from inertiad import instrument, lcmlog, record, tracker_csv
+from inertiad import instrument, lcmlog, quantity, record, tracker_csv
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Parser, Sample
 from inertiad_lcm import tracker_t
@@ -43,12 +44,14 @@ sys.exit(recorder.wait())
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """SECONDS of a tracker at RATE."""
+    """SECONDS of a tracker that tells poses, at RATE."""
     t = 100.0 + np.arange(int(RATE * SECONDS)) / RATE
     xyz = np.column_stack([np.sin(t), np.cos(t), 2.0 + 0.1 * np.sin(3.0 * t)])
     folder = tmp_path / "played"
     folder.mkdir()
-    np.savetxt(folder / "tracker.csv", np.column_stack([t, xyz]), "%.9f", ",", header="t,x,y,z", comments="")
+    turn = Rotation.from_euler("zyx", np.column_stack([np.sin(2.0 * t), 0.3 * np.cos(t), 0.2 * np.sin(t)]))
+    table = np.column_stack([t, xyz, turn.as_quat(scalar_first=True)])
+    np.savetxt(folder / "tracker.csv", table, "%.9f", ",", header="t,x,y,z,q_w,q_x,q_y,q_z", comments="")
     return folder
 
 
@@ -64,6 +67,7 @@ def run(tmp_path: Path) -> Path:
         ("natnet", "udp:239.255.42.99:1511", "udp:239.255.42.99:1511", []),
     ],
 )
+# dtrack and natnet are poses, the others positions
 def test_emulated_instrument_is_recorded_without_loss(run, tmp_path, form, source, sink, options):
     out = tmp_path / "recorded"
     command = [*ISOLATED, sys.executable, "-c", END_TO_END, run, out, form, source, sink, json.dumps(options)]
@@ -75,11 +79,19 @@ def test_emulated_instrument_is_recorded_without_loss(run, tmp_path, form, sourc
     messages = [tracker_t.decode(e.data) for e in events]
     assert [m.sequence for m in messages] == list(range(len(played)))
     assert np.array([m.position for m in messages]) == pytest.approx(
-        played[:, 1:], abs=1e-6 if form == "natnet" else 1e-8
+        played[:, 1:4], abs=1e-6 if form == "natnet" else 1e-8
     )
+    assert {m.has_q for m in messages} == {form in ("dtrack", "natnet")}
     assert json.loads((out / "header.json").read_text())["clock"]["kernel"]["error_max_s"] >= 0.0
     assert (out / "tracker.raw").stat().st_size > 20 * len(played)
     rows = np.loadtxt(out / "tracker.csv", delimiter=",", skiprows=1)
+    if form in ("dtrack", "natnet"):
+        q = np.array([m.q for m in messages])
+        q *= np.sign(np.sum(q * played[:, 4:], axis=1, keepdims=True))  # q and -q are one attitude
+        assert q == pytest.approx(played[:, 4:], abs=1e-6)
+        assert np.linalg.norm(tracker_csv.read(out / "tracker.csv").stack(*quantity.QUATERNION), axis=1) == (
+            pytest.approx(np.ones(len(rows)))
+        )
     if form != "spatialanalyzer":  # they tell device time, so the spacing is the device's
         assert len(rows) >= len(played) - 20  # fewer while the clock's fit settles on a busy machine
         assert np.diff(rows[-200:, 0]) == pytest.approx(1 / RATE, abs=2e-4)
@@ -126,6 +138,7 @@ def test_full_disk_is_said_and_leaves_a_run_readable_to_there(run, tmp_path):
     )
     assert f"samples: {int(RATE * SECONDS)} received, {int(RATE * SECONDS)} published" in result.stderr
     positions = tracker_csv.read(out / "tracker.csv")
+    assert not tracker_csv.has_attitude(positions)
     assert 100 < len(positions.t) < int(RATE * SECONDS)
     assert f"tracker.csv: {len(positions.t)} rows" in result.stderr
 
@@ -169,9 +182,52 @@ def test_dtrack_body_out_of_sight_is_beam_lost():
     assert (sample.valid, sample.frame, sample.t_device) == (False, 1, 10.5)
 
 
+QUARTER = (0.5**0.5, 0.0, 0.0, 0.5**0.5)  # about z: x of the body along y of the world
+
+
+def test_dtrack_tells_the_rotation_matrix_column_by_column():
+    told = b"fr 1\nts 10.5\n6d 1 [0 1.000][500 1500 2500 0 0 90][0 1 0 -1 0 0 0 0 1]\n"
+    (sample,) = Parser(Layout("dtrack")).feed(told)
+    assert sample.position == (0.5, 1.5, 2.5) and sample.q == pytest.approx(QUARTER)
+
+
+def test_natnet_tells_the_scalar_last():
+    sent = bytearray(instrument.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5), 7))
+    at = bytes(sent).index(struct.pack("<3f", 1.0, 2.0, 3.0)) + 12
+    sent[at : at + 16] = struct.pack("<4f", 0.0, 0.0, QUARTER[3], QUARTER[0])
+    (sample,) = Parser(Layout("natnet")).feed(bytes(sent))
+    assert sample.q == pytest.approx(QUARTER)
+
+
+def test_columns_of_text_and_struct_may_be_a_pose():
+    columns = ("t", "x", "y", "z", "q_w", "q_x", "q_y", "q_z")
+    (sample,) = Parser(Layout("text", columns)).feed(b"1,2,3,4,0.7071068,0,0,0.7071068\n")
+    assert sample.q == pytest.approx(QUARTER)
+    packed = struct.pack("<8d", 1, 2, 3, 4, 0.0, 0.0, 0.0, 1.0)
+    assert Parser(Layout("struct", columns, struct="<8d")).feed(packed)[0].q == (0.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("layout", "sent", "why"),
+    [
+        (Layout("dtrack"), b"fr 1\n6d 1 [0 1][1 2 3 0 0 0][2 0 0 0 2 0 0 0 2]\n", "6d 1"),
+        (Layout("dtrack"), b"fr 1\n6d 1 [0 1][1 2 3 0 0 0][1 0 0 0 1 0 0 0 -1]\n", "6d 1"),
+        (Layout("dtrack"), b"fr 1\n6d 1 [0 1][1 2 3 0 0 0]\n", "6d 1"),
+        (Layout("text", ("x", "y", "z", "q_w", "q_x", "q_y", "q_z")), b"1,2,3,0,0,0,0\n", "1,2,3"),
+        (Layout("natnet"), None, "natnet: attitude of length 0"),
+    ],
+)
+def test_attitude_that_is_none_is_counted(layout, sent, why):
+    parser = Parser(layout)
+    sent = sent or instrument.encode(layout, Sample((1.0, 2.0, 3.0), 5.5, q=(0.0, 0.0, 0.0, 0.0)), 7)
+    assert parser.feed(sent) == []
+    assert parser.n_bad == 1 and parser.last_bad.startswith(why)
+
+
 def test_natnet_body_is_chosen_by_number_and_damage_is_counted():
-    sent = instrument.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5), 7)
-    assert Parser(Layout("natnet", body=1)).feed(sent) == [Sample((1.0, 2.0, 3.0), 5.5, 7)]
+    sent = instrument.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5, q=QUARTER), 7)
+    (body,) = Parser(Layout("natnet", body=1)).feed(sent)
+    assert (body.position, body.t_device, body.frame, body.valid) == ((1.0, 2.0, 3.0), 5.5, 7, True)
     assert Parser(Layout("natnet", body=2)).feed(sent) == [Sample((0.0, 0.0, 0.0), 5.5, 7, False)]
     other = Parser(Layout("natnet", natnet_version="3.0"))
     half = Parser(Layout("natnet"))

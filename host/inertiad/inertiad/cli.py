@@ -467,7 +467,7 @@ def record(
     form: Annotated[
         str, typer.Option("--format", metavar="NAME", help="text, struct, spatialanalyzer, emscon, dtrack, natnet.")
     ] = "text",
-    columns: Annotated[str, typer.Option(metavar="A,B,..", help="x y z t frame valid, - to skip.")] = "t,x,y,z",
+    columns: Annotated[str, typer.Option(metavar="A,B,..", help="x y z q_w..z t frame valid, - to skip.")] = "t,x,y,z",
     separator: Annotated[str, typer.Option(metavar="TEXT", help="Between columns of text; empty: blanks.")] = ",",
     layout: Annotated[str, typer.Option("--struct", metavar="TEXT", help="One letter per column, as <Id3d.")] = "",
     unit: Annotated[str, typer.Option(metavar="m|mm|..", help="Of x y z.")] = "m",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inertiad import body_file, canlog, encode, formats, sheets
+from inertiad import body_file, canlog, encode, formats, quantity, sheets
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.sheets import Dataset, Sheet
@@ -56,7 +56,8 @@ def _reader(path: Path) -> Callable[[Path], Dataset]:
 def _valid_positions(sheet: Sheet) -> Sheet:
     """The columns of tracker.csv, of the samples that count."""
     chosen = sheet.columns.get("valid", np.ones(len(sheet), np.bool_))
-    return Sheet(sheet.name, sheet.t_ns[chosen], {name: sheet.columns[name][chosen] for name in "xyz"})
+    names = [name for name in (*"xyz", *quantity.QUATERNION) if name in sheet.columns]
+    return Sheet(sheet.name, sheet.t_ns[chosen], {name: sheet.columns[name][chosen] for name in names})
 
 
 def _write_run(data: Dataset, folder: Path) -> Iterator[str]:

@@ -16,6 +16,10 @@ natnet             u16 7, u16 size, frame of mocap data as Motive sends it, m, o
 Device time is checked against the host's: one that runs at another rate is refused (record.py). That matters for
 emscon, whose t1 and t2 are not documented publicly; --no-device-time leaves it out. natnet is read by the package of
 that name, for the protocol of --natnet-version; multicast by --from udp:239.255.42.99:1511.
+
+dtrack, natnet, and text and struct with columns q_w,q_x,q_y,q_z are poses: attitude as a unit quaternion, from the axes
+of the body as the instrument's software has it to its world. Both must be those of the robot description, its body's
+axes the platform's: what the instrument knows by other axes is to be turned there (Motive: streaming with Z up).
 """
 
 import math
@@ -25,13 +29,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import numpy as np
+
 from inertiad.error import InputError
 
 FORMATS: Final = ("text", "struct", "spatialanalyzer", "emscon", "dtrack", "natnet")
-COLUMNS: Final = ("x", "y", "z", "t", "frame", "valid", "-")
+ATTITUDE: Final = ("q_w", "q_x", "q_y", "q_z")
+COLUMNS: Final = ("x", "y", "z", *ATTITUDE, "t", "frame", "valid", "-")
 LENGTH: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 TIME: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 DAY: Final = 86400.0
+UNIT: Final = 0.1
+"""by which a quaternion's length, or a rotation matrix times its transpose, may miss 1"""
 LINE_MAX: Final = 100_000
 """bytes without a line end after which a stream is not text"""
 EMSCON_HEAD: Final = struct.Struct("<ii")
@@ -54,6 +63,8 @@ class Sample:
     """s, the instrument's clock"""
     frame: int | None = None
     valid: bool = True
+    q: tuple[float, float, float, float] | None = None
+    """unit quaternion w x y z, body to world; None: the instrument tells no attitude"""
 
 
 @dataclass(frozen=True)
@@ -85,6 +96,8 @@ class Layout:
             raise InputError(
                 f"--columns {','.join(self.columns)}: allowed: x, y, z and any of {', '.join(COLUMNS[3:])}"
             )
+        if 0 < len(set(ATTITUDE) & set(self.columns)) < len(ATTITUDE):
+            raise InputError(f"--columns {','.join(self.columns)}: allowed: all of {', '.join(ATTITUDE)}, or none")
         if self.unit not in LENGTH or self.time_unit not in TIME:
             raise InputError(f"--unit: allowed: {', '.join(LENGTH)}; --time-unit: {', '.join(TIME)}")
         if self.natnet_version not in NATNET_VERSIONS:
@@ -101,9 +114,35 @@ class Layout:
             raise InputError(f"--struct {self.struct}: {n} values: allowed: {len(self.columns)}, one per column")
 
     @property
+    def has_attitude(self) -> bool:
+        """True: valid samples are poses."""
+        return self.format in ("dtrack", "natnet") or (
+            self.format in ("text", "struct") and set(ATTITUDE) <= set(self.columns)
+        )
+
+    @property
     def time_wrap(self) -> float:
         """s, 0: never."""
         return DAY if self.format == "dtrack" and not self.wrap else self.wrap
+
+
+def _quaternion(q: list[float]) -> tuple[float, float, float, float]:
+    """Normalised. ValueError: its length is not 1 +- 0.1."""
+    norm = math.hypot(*q)
+    if not abs(norm - 1.0) < UNIT:
+        raise ValueError(f"attitude of length {norm:.3g}")
+    w, x, y, z = (v / norm for v in q)
+    return w, x, y, z
+
+
+def _of_columns(b: list[float]) -> tuple[float, float, float, float]:
+    """Quaternion of a rotation matrix told column by column. ValueError: it is none."""
+    from scipy.spatial.transform import Rotation
+
+    R = np.array(b).reshape(3, 3).T
+    if not np.abs(R @ R.T - np.eye(3)).max() < UNIT or np.linalg.det(R) < 0.0:
+        raise ValueError("not a rotation matrix")
+    return _quaternion(Rotation.from_matrix(R).as_quat(scalar_first=True).tolist())
 
 
 class Parser:
@@ -168,7 +207,8 @@ class Parser:
         x, y, z = (scale * values[a] for a in "xyz")
         t = values["t"] * TIME[self.layout.time_unit] if "t" in values else None
         frame = int(values["frame"]) if "frame" in values else None
-        return Sample((x, y, z), t, frame, bool(values.get("valid", 1.0)) and all(map(math.isfinite, (x, y, z))))
+        q = _quaternion([values[name] for name in ATTITUDE]) if ATTITUDE[0] in values else None
+        return Sample((x, y, z), t, frame, bool(values.get("valid", 1.0)) and all(map(math.isfinite, (x, y, z))), q)
 
     def _row(self, text: str) -> Sample | None:
         if text.startswith("#"):
@@ -203,10 +243,12 @@ class Parser:
 
     def _dtrack_body(self, rest: str) -> Sample | None:
         groups = [g.split() for g in re.findall(r"\[([^\]]*)\]", rest)]
-        for head, place in zip(groups[0::3], groups[1::3], strict=False):
+        for head, place, turn in zip(groups[0::3], groups[1::3], groups[2::3], strict=True):
             if self.layout.body is None or int(head[0]) == self.layout.body:
                 x, y, z = (1e-3 * float(v) for v in place[:3])
-                return Sample((x, y, z), self._time, self._frame, float(head[1]) >= 0.0)
+                valid = float(head[1]) >= 0.0
+                q = _of_columns([float(v) for v in turn]) if valid else None
+                return Sample((x, y, z), self._time, self._frame, valid, q)
         return Sample((0.0, 0.0, 0.0), self._time, self._frame, False)  # the body is not seen
 
     # binary --------------------------------------------------------------------------------------
@@ -272,7 +314,13 @@ class Parser:
         t, number = frame.suffix.timestamp, frame.prefix.frame_number
         for body in frame.rigid_bodies:
             if self.layout.body is None or body.id_num == self.layout.body:
-                return [Sample(body.pos, t, number, bool(body.tracking_valid))]
+                x, y, z, w = body.rot
+                valid = bool(body.tracking_valid)
+                try:
+                    return [Sample(body.pos, t, number, valid, _quaternion([w, x, y, z]) if valid else None)]
+                except ValueError as error:
+                    self._bad(f"natnet: {error}")
+                    return []
         return [Sample((0.0, 0.0, 0.0), t, number, False)]  # the body is not seen
 
 
@@ -281,6 +329,7 @@ def encode(layout: Layout, sample: Sample, index: int) -> bytes:
     scale = 1.0 / LENGTH[layout.unit]
     x, y, z = sample.position
     t = 0.0 if sample.t_device is None else sample.t_device / TIME[layout.time_unit]
+    q = sample.q or (1.0, 0.0, 0.0, 0.0)
     values = {
         "x": scale * x,
         "y": scale * y,
@@ -289,7 +338,7 @@ def encode(layout: Layout, sample: Sample, index: int) -> bytes:
         "frame": index,
         "valid": int(sample.valid),
         "-": 0,
-    }
+    } | dict(zip(ATTITUDE, q, strict=True))
     match layout.format:
         case "text":
             return (layout.separator.join(repr(values[c]) for c in layout.columns) + "\n").encode()
@@ -305,14 +354,24 @@ def encode(layout: Layout, sample: Sample, index: int) -> bytes:
         case "natnet":
             return _natnet_bytes(sample, index)
     wrapped = math.fmod(sample.t_device or 0.0, DAY)
-    place = f"{1e3 * x:.6f} {1e3 * y:.6f} {1e3 * z:.6f} 0.0 0.0 0.0"
-    seen = f"6d 1 [0 1.000][{place}][1 0 0 0 1 0 0 0 1]" if sample.valid else "6d 0"
+    place = f"{1e3 * x:.6f} {1e3 * y:.6f} {1e3 * z:.6f} {_dtrack_turn(q)}"
+    seen = f"6d 1 [0 1.000][{place}]" if sample.valid else "6d 0"
     return f"fr {index}\r\nts {wrapped:.6f}\r\n{seen}\r\n".encode()
+
+
+def _dtrack_turn(q: tuple[float, float, float, float]) -> str:
+    """Angles about x, y, z [deg], R = Rx Ry Rz, and R column by column."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(q, scalar_first=True)
+    angles = " ".join(f"{a:.4f}" for a in turn.as_euler("XYZ", degrees=True))
+    return angles + "][" + " ".join(f"{b:.9f}" for b in turn.as_matrix().T.ravel())
 
 
 def _natnet_bytes(sample: Sample, index: int) -> bytes:
     """A frame of protocol 4.1 with one rigid body, number 1. Counts stand before byte sizes of what follows."""
-    body = struct.pack("<I3f4ffH", 1, *sample.position, 0.0, 0.0, 0.0, 1.0, 0.0, int(sample.valid))
+    w, x, y, z = sample.q or (1.0, 0.0, 0.0, 0.0)
+    body = struct.pack("<I3f4ffH", 1, *sample.position, x, y, z, w, 0.0, int(sample.valid))
     nothing = bytes(8)
     parts = struct.pack("<I", index) + 2 * nothing  # marker sets, markers
     parts += struct.pack("<II", 1, len(body)) + body

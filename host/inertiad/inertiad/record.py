@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record a position instrument beside the platform: bytes in, TRACKER messages and a run folder out.
 
-RUN/tracker.csv: valid positions in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every message of
-the channel prefix or of --channels, TRACKER (with device time and lost samples) and the commanded POSE among them;
-RUN/header.json: host, and how its clock was kept.
+RUN/tracker.csv: valid positions or poses in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every
+message of the channel prefix or of --channels, TRACKER (with device time and lost samples) and the commanded POSE among
+them; RUN/header.json: host, and how its clock was kept.
 """
 
 import contextlib
@@ -346,6 +346,8 @@ class Tracker:
             c.latency_us.append(1e-3 * (host_ns - message.t_ns))
         c.n_invalid += not sample.valid
         message.valid, message.position = sample.valid, list(sample.position)
+        if sample.q is not None:
+            message.has_q, message.q = True, list(sample.q)
         message.sequence, message.n_dropped = c.n_published, c.n_lost
         c.n_published += 1
         return message
@@ -412,7 +414,8 @@ class Recording:
         self._link = watch.connect(options.url)
         self._raw = (self.folder / "tracker.raw").open("wb", buffering=0)
         self._csv = (self.folder / "tracker.csv").open("wb", buffering=0)
-        self._write(self._csv, (tracker_csv.HEADER + "\n").encode())
+        heads = tracker_csv.POSE_HEADER if options.layout.has_attitude else tracker_csv.HEADER
+        self._write(self._csv, (heads + "\n").encode())
         self._last_ns = 0
         header.write(self.folder)
         self.lcm.start()
@@ -455,8 +458,8 @@ class Recording:
             return
         self._last_ns = message.t_ns
         s, us = divmod(message.t_ns // 1000, 1_000_000)
-        x, y, z = message.position
-        self.n_rows += self._write(self._csv, f"{s}.{us:06d},{x:.9f},{y:.9f},{z:.9f}\n".encode())
+        values = [*message.position, *(message.q if message.has_q else ())]
+        self.n_rows += self._write(self._csv, f"{s}.{us:06d},{','.join(f'{v:.9f}' for v in values)}\n".encode())
 
     def close(self) -> None:
         """Close all files."""

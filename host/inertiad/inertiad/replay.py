@@ -10,16 +10,16 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 from urllib.parse import parse_qs
 
 import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
-from inertiad import canlog, instrument, tracker_csv
+from inertiad import canlog, instrument, quantity, tracker_csv
 from inertiad.canlog import CanLog
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Sample
@@ -119,8 +119,10 @@ def _packet_type(channel: str) -> np.dtype[Any]:
     return np.dtype([*fields, ("position", ">f8", 3), ("has_q", "u1"), ("q", ">f8", 4), ("n_dropped", ">i8")])
 
 
-def tracker_packets(channel: str, t_device_ns: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[Any]:
-    """LCM packets of positions [N, 3] m; t_ns is still that of the log."""
+def tracker_packets(
+    channel: str, t_device_ns: NDArray[np.int64], position: NDArray[np.float64], q: NDArray[np.float64] | None = None
+) -> NDArray[Any]:
+    """LCM packets of positions [N, 3] m, and attitudes [N, 4] w x y z if given; t_ns is still that of the log."""
     packets = np.zeros(len(position), dtype=_packet_type(channel))
     packets["magic"], packets["packet"] = _LCM_MAGIC, np.arange(len(position))
     packets["channel"] = np.void(channel.encode() + b"\0")
@@ -128,6 +130,8 @@ def tracker_packets(channel: str, t_device_ns: NDArray[np.int64], position: NDAr
     packets["sequence"] = np.arange(len(position))
     packets["t_ns"] = packets["t_device_ns"] = t_device_ns
     packets["valid"], packets["position"] = 1, position
+    if q is not None:
+        packets["has_q"], packets["q"] = 1, q
     return packets
 
 
@@ -302,6 +306,22 @@ def _open_instrument(address: str) -> Any:
     raise InputError(f"--tracker {address}: allowed: udp:HOST:PORT, tcp:HOST:PORT, tcp-listen:PORT, file:PATH")
 
 
+@dataclass(frozen=True)
+class Tracked:
+    """What tracker.csv holds."""
+
+    t_ns: Stamps
+    """[N]"""
+    position: NDArray[np.float64]
+    """m [N, 3]"""
+    q: NDArray[np.float64] | None
+    """w x y z [N, 4], P to W"""
+
+    def __getitem__(self, chosen: Any) -> Self:
+        q = None if self.q is None else self.q[chosen]
+        return replace(self, t_ns=self.t_ns[chosen], position=self.position[chosen], q=q)
+
+
 EMULATED: Final = {
     "text": Layout("text"),
     "struct": Layout("struct", ("frame", "t", "x", "y", "z"), struct="<Id3d"),
@@ -324,34 +344,37 @@ def emulated(tracker: str | None) -> tuple[Layout | None, str]:
     return EMULATED[form], address
 
 
-def _instrument_bytes(
-    layout: Layout, t_ns: Stamps, position: NDArray[np.float64]
-) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """Positions as the instrument would send them, and where each begins [N + 1]; its clock is the log's time."""
+def _instrument_bytes(layout: Layout, tracked: Tracked) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """What the instrument would send, and where each piece begins [N + 1]; its clock is the log's time."""
+    turns = [None] * len(tracked.t_ns) if tracked.q is None else [tuple(q) for q in tracked.q.tolist()]
+    rows = zip(tracked.t_ns.tolist(), tracked.position.tolist(), turns, strict=True)
     pieces = [
-        instrument.encode(layout, Sample((x, y, z), 1e-9 * t), k + 1)
-        for k, (t, (x, y, z)) in enumerate(zip(t_ns.tolist(), position.tolist(), strict=True))
+        instrument.encode(layout, Sample((x, y, z), 1e-9 * t, q=q), k)
+        for k, (t, (x, y, z), q) in enumerate(rows, start=1)
     ]
     begin = np.concatenate([[0], np.cumsum([len(p) for p in pieces])]).astype(np.int64)
     return np.frombuffer(b"".join(pieces), dtype=np.uint8).copy(), begin
 
 
-def _tracker_items(options: Options, t_ns: Stamps, position: NDArray[np.float64], stack: contextlib.ExitStack) -> Items:
+def _tracker_items(options: Options, tracked: Tracked, stack: contextlib.ExitStack) -> Items:
+    t_ns = tracked.t_ns
     if options.instrument is not None:
-        data, begin = _instrument_bytes(options.instrument, t_ns, position)
+        data, begin = _instrument_bytes(options.instrument, tracked)
         link = stack.enter_context(_open_instrument(options.instrument_address))
         name = f"{options.instrument.format}={options.instrument_address}"
         return Items(name, link.fileno(), t_ns, data, begin)
     network = stack.enter_context(lcm_socket(options.url))
-    return _pieces(options.channel, network.fileno(), t_ns, tracker_packets(options.channel, t_ns, position))
+    packets = tracker_packets(options.channel, t_ns, tracked.position, tracked.q)
+    return _pieces(options.channel, network.fileno(), t_ns, packets)
 
 
-def _tracker_of(options: Options) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+def _tracker_of(options: Options) -> Tracked | None:
     path = options.run / "tracker.csv"
     if not options.tracker or not path.exists():
         return None
-    positions = tracker_csv.read(path)
-    return np.rint(1e9 * positions.t).astype(np.int64), positions.stack("x", "y", "z")
+    tracker = tracker_csv.read(path)
+    q = tracker.stack(*quantity.QUATERNION) if tracker_csv.has_attitude(tracker) else None
+    return Tracked(np.rint(1e9 * tracker.t).astype(np.int64), tracker.stack("x", "y", "z"), q)
 
 
 def _items(options: Options, stack: contextlib.ExitStack, remarks: list[str]) -> list[Items]:
@@ -361,15 +384,15 @@ def _items(options: Options, stack: contextlib.ExitStack, remarks: list[str]) ->
     if log is None and tracker is None:
         raise InputError(f"{options.run}: nothing to play: allowed: with --bus, or with tracker.csv in the run")
     first_ns = min([int(log.t_ns.min())] if log is not None else [], default=None)
-    first_ns = int(tracker[0][0]) if first_ns is None and tracker is not None else first_ns
+    first_ns = int(tracker.t_ns[0]) if first_ns is None and tracker is not None else first_ns
     assert first_ns is not None
     found: list[Items] = []
     if log is not None:
         remarks += log.remarks
         found += _bus_items(options.buses, log[_cut(log.t_ns, first_ns, options.start, options.stop)], stack)
     if tracker is not None:
-        chosen = _cut(tracker[0], first_ns, options.start, options.stop)
-        found.append(_tracker_items(options, tracker[0][chosen], tracker[1][chosen], stack))
+        chosen = _cut(tracker.t_ns, first_ns, options.start, options.stop)
+        found.append(_tracker_items(options, tracker[chosen], stack))
     if not sum(len(i.t_ns) for i in found):
         raise InputError(f"{options.run}: nothing between --start {options.start:g} and --stop {options.stop}")
     return found

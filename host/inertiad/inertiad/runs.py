@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 import inertiad_core
-from inertiad import compile, encode, lcmlog, quantity, sources, table
+from inertiad import compile, encode, lcmlog, quantity, sources, table, tracker_csv
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.robot import Robot
@@ -137,11 +137,31 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
     beside = file.with_name("tracker.csv")
     if not beside.exists():
         raise InputError(f"{file}: line 1: no column pos_x, and no tracker.csv beside it")
-    return table.read(beside, ["t", "x", "y", "z"])
+    return tracker_csv.read(beside)
+
+
+def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[str, ...]]:
+    """Signals without an attitude of their own with that of the poses in tracker.csv beside them, and what was done.
+
+    Samples outside the tracker's time, or in a gap of more than max_age_position, are left out.
+    """
+    beside = file.with_name("tracker.csv")
+    if quantity.QUATERNION[0] in signals.columns or not beside.exists():
+        return signals, ()
+    tracker = tracker_csv.read(beside)
+    if not tracker_csv.has_attitude(tracker):
+        return signals, ()
+    q, chosen = sources.attitude_from_poses(robot, tracker, signals.t)
+    if not chosen.any():
+        raise InputError(f"{beside}: no pose within {robot.align.max_age_position:g} s of any sample of {file}")
+    kept = {name: values[chosen] for name, values in signals.columns.items()}
+    kept |= dict(zip(quantity.QUATERNION, q.T, strict=True))
+    return Table(signals.t[chosen], kept, signals.source), ("attitude of the tracker's poses",)
 
 
 def _read_signals(file: Path, robot: Robot) -> Recording:
     signals = encode.with_attitude(table.read(file, encode.signal_columns(robot)))
+    signals, borrowed = _with_trackers_attitude(signals, file, robot)
     for name in (quantity.QUATERNION[0], *quantity.forces(robot.n_cables)):
         if name not in signals.columns:
             wanted = "roll,pitch,yaw or q_w,q_x,q_y,q_z" if name == quantity.QUATERNION[0] else name
@@ -149,7 +169,7 @@ def _read_signals(file: Path, robot: Robot) -> Recording:
     positions = _positions(signals, file, robot)
     robot, signals, positions, notes = sources.completed(robot, signals, positions)
     rows = _aligned(robot, signals, positions, str(file))
-    return Recording(file, robot, rows, 0, len(signals.t) - len(rows), {}, notes)
+    return Recording(file, robot, rows, 0, len(signals.t) - len(rows), {}, borrowed + notes)
 
 
 def _nanoseconds(t: Array) -> Any:

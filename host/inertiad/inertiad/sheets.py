@@ -2,7 +2,7 @@
 """A run as sheets: named columns with units over exact time, whatever file they come from or go to.
 
 signals   t acc_x..z gyro_x..z q_w..z pos_x..z f_1..f_m    aligned rows, as measured, I axes; position of the target, W
-tracker   t x y z, and of a record valid, t_device_ns       positions of the tracked point, W
+tracker   t x y z, of poses q_w..z, of a record valid, t_device_ns   positions of the tracked point, W; attitude P to W
 estimate  t mass cog_x..z inertia_cog_xx..xy with _std, systematic errors, n_windows, nis, ...
 frames    t bus can_id flags length data                   CAN frames, SocketCAN's identifiers, data in hex
 events    t source text
@@ -105,6 +105,8 @@ def signals_of(t_ns: NDArray[np.int64], rows: Any) -> Sheet:
 
 def _tracker(messages: list[Any]) -> Sheet:
     columns = _vectors("xyz", [m.position for m in messages])
+    if any(m.has_q for m in messages):
+        columns |= _vectors(quantity.QUATERNION, [m.q for m in messages])
     return Sheet("tracker", _times(messages), columns | _scalars("tracker", ("valid", "t_device_ns"), messages))
 
 

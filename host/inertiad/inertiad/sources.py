@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quantities a data set lacks, from those it has.
 
-Rate from attitude: quaternions are fitted by a quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2,
-which is the paper's equation (4) without its singularity. Specific force from positions: the IMU point's path is
-fitted by such a spline x(t), and s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it
-gives is averaged over windows afterwards, so noise in x enters as integral(phi'' x) would. Poses at rest, seconds
-apart, become one window each.
+Attitude from a tracker that tells poses, by spherical interpolation. Rate from attitude: quaternions are fitted by a
+quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2, which is the paper's equation (4) without its
+singularity. Specific force from positions: the IMU point's path is fitted by such a spline x(t), and
+s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it gives is averaged over windows
+afterwards, so noise in x enters as integral(phi'' x) would. Poses at rest, seconds apart, become one window each.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -44,6 +45,23 @@ def rate_from_attitude(t: Array, q: Array, knot_distance: float) -> Array:
     a, b = fitted(t), fitted(t, 1)
     vector = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
     return 2.0 * vector / np.sum(a * a, axis=1, keepdims=True)
+
+
+def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Quaternions I to W [K, 4] at those of the times t [N] that lie between two poses of a tracker; which these are.
+
+    The tracker's are platform to world. The delays of [align] and [calibration] are taken off both. Between poses
+    further apart than max_age_position there is nothing.
+    """
+    late = robot.align.delay_position + robot.calibration.position_delay - robot.align.delay_imu
+    at = t + late
+    after = np.clip(np.searchsorted(tracker.t, at), 1, len(tracker.t) - 1)
+    near = np.diff(tracker.t)[after - 1] <= robot.align.max_age_position
+    chosen = near & (at >= tracker.t[0]) & (at <= tracker.t[-1])
+    body = Slerp(tracker.t, Rotation.from_quat(tracker.stack(*quantity.QUATERNION), scalar_first=True))
+    mounted = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
+    turned = body(at[chosen]) * Rotation.from_rotvec(robot.calibration.imu_alignment) * mounted
+    return turned.as_quat(scalar_first=True), chosen
 
 
 def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Array]:
