@@ -27,7 +27,6 @@ bool ipe_consistency_check(const double theta[IPE_NP])
 
 #define MARGIN 2e-3  // smallest eigenvalue that is aimed at, of the scaled Pi's trace
 #define CUTS_MAX 24
-#define JACOBI_SWEEPS 12
 #define HILDRETH_SWEEPS 200
 
 /// Lengths in units of this, m, make the entries of Pi alike: the radius of gyration, where theta has one.
@@ -46,32 +45,6 @@ static void scaled_pseudo_inertia(const double theta[IPE_NP], double length, dou
         Pi[3][i] *= length;
     }
     Pi[3][3] *= length * length;
-}
-
-/// Eigenvalues and eigenvectors (columns of V) of a symmetric 4x4 matrix, by cyclic Jacobi rotations. A is spoiled.
-static void eigen4(double A[4][4], double V[4][4])
-{
-    memset(V, 0, 16 * sizeof(double));
-    for (int i = 0; i < 4; ++i) { V[i][i] = 1.0; }
-    for (int sweep = 0; sweep < JACOBI_SWEEPS; ++sweep) {
-        for (int p = 0; p < 3; ++p) {
-            for (int q = p + 1; q < 4; ++q) {
-                if (fabs(A[p][q]) < 1e-300) { continue; }
-                const double ratio = (A[q][q] - A[p][p]) / (2.0 * A[p][q]);
-                const double t = copysign(1.0, ratio) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
-                const double c = 1.0 / sqrt(1.0 + t * t), s = t * c;
-                for (int k = 0; k < 4; ++k) {
-                    const double kp = A[k][p], kq = A[k][q];
-                    A[k][p] = c * kp - s * kq, A[k][q] = s * kp + c * kq;
-                }
-                for (int k = 0; k < 4; ++k) {
-                    const double pk = A[p][k], qk = A[q][k], vp = V[k][p], vq = V[k][q];
-                    A[p][k] = c * pk - s * qk, A[q][k] = s * pk + c * qk;
-                    V[k][p] = c * vp - s * vq, V[k][q] = s * vp + c * vq;
-                }
-            }
-        }
-    }
 }
 
 /// g with g^T theta = v^T Pi(theta) v, Pi scaled.
@@ -107,7 +80,7 @@ static bool add_cuts(cuts_t* cuts, const double q[IPE_NP], const double P[IPE_NP
     double A[4][4], V[4][4];
     bool any = false;
     scaled_pseudo_inertia(q, cuts->length, A);
-    eigen4(A, V);
+    symmetric_eigen(&A[0][0], &V[0][0], 4);
     for (int k = 0; k < 4 && cuts->n < CUTS_MAX; ++k) {
         if (A[k][k] >= 0.5 * cuts->margin) { continue; }
         const double v[4] = {V[0][k], V[1][k], V[2][k], V[3][k]};

@@ -59,6 +59,13 @@ void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const doubl
     }
 }
 
+double ipe_noise_level(const ipe_noise_t* s)
+{
+    double sum = 0.0;
+    for (int i = 0; i < IPE_NY; ++i) { sum += log(learnt_variance(s, i) / s->prior[i]); }
+    return exp(sum / IPE_NY);
+}
+
 void ipe_noise_restart(ipe_noise_t* s)
 {
     s->n_past = 0;

@@ -31,6 +31,9 @@ ipe_status_t ipe_noise_init(ipe_noise_t* s, const double C[IPE_NY][IPE_NY]);
 /// Learn from a window's innovation [6], of whose covariance S [6][6] comes from the states; L is up to date afterwards.
 void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY]);
 
+/// Geometric mean over the channels of the variance to whiten with, in units of the configured one.
+double ipe_noise_level(const ipe_noise_t* s);
+
 /// A gap: the next window does not follow the last.
 void ipe_noise_restart(ipe_noise_t* s);
 

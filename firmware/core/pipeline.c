@@ -66,6 +66,7 @@ static ipe_status_t init_filter(ipe_pipeline_t* p)
     ipe_states_init(&p->states);
     ipe_states_std(k, std);
     ipe_detect_init(&p->detect);
+    memset(&p->attenuation, 0, sizeof p->attenuation);
     if (ipe_noise_init(&p->noise, k->residual_covariance) != IPE_OK) { return IPE_ERR_CONFIG; }
     return ipe_rls_init(&p->rls, theta, P, ipe_states_count(k->n_cables) - IPE_NP, std);
 }
@@ -167,6 +168,7 @@ static void loosen_theta(ipe_pipeline_t* p)
     double std[IPE_NP];
     change_std(&p->config, std);
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&p->rls, i, std[i] * std[i]); }
+    memset(&p->attenuation, 0, sizeof p->attenuation);
     ipe_noise_restart(&p->noise);
     ipe_still_restart(&p->still);
 }
@@ -199,6 +201,7 @@ static void forget(ipe_pipeline_t* p, double hop)
     if (p->config.memory == 0.0) { return; }
     const double lambda = exp(-hop / p->config.memory);
     ipe_rls_forget(&p->rls, lambda);
+    ipe_attenuation_forget(&p->attenuation, lambda);
     if (++p->n_excited % PRIOR_INTERVAL == 0) { fold_prior(p, sqrt(1.0 - pow(lambda, PRIOR_INTERVAL))); }
 }
 
@@ -227,6 +230,15 @@ static void judge_observability(const ipe_config_t* config, ipe_estimate_t* e)
     for (int i = 0; i < 6; ++i) { e->observable[4 + i] = 2.0 * e->body.inertia_cog_std[i] <= prior.inertia_cog_std[i]; }
 }
 
+/// What noise in the regressors made of theta and P, about the IMU, taken out.
+static void undo_attenuation(const ipe_pipeline_t* p, double theta[IPE_NP], double P[IPE_NP][IPE_NP])
+{
+    double C[IPE_NP][IPE_NP] = {{0.0}}, prior_theta[IPE_NP], prior[IPE_NP][IPE_NP];
+    prior_at_imu(&p->config, prior_theta, prior);
+    ipe_attenuation_information(&p->attenuation, p->noise.L, ipe_noise_level(&p->noise), C);
+    ipe_attenuation_undo((const double (*)[IPE_NP])C, prior_theta, (const double (*)[IPE_NP])prior, theta, P);
+}
+
 /// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no body.
 static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average, double nis, ipe_estimate_t* estimate)
 {
@@ -238,6 +250,7 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
                         .n_changes = p->detect.n_changes};
     memcpy(theta, p->rls.x, sizeof theta);
     ipe_rls_covariance(&p->rls, IPE_NP, &e.covariance[0][0]);
+    undo_attenuation(p, theta, e.covariance);
     ipe_body_shift(p->config.imu_position, theta, e.covariance);
     e.consistent = ipe_consistency_check(theta);
     if (!ipe_consistency_project(theta, e.covariance, e.theta, &e.distance)) { return false; }
@@ -268,8 +281,10 @@ static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* averag
     if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
     if (n_rest == 0) { forget(p, 0.25 * average->length); }
     status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, &unused);  // rows -> states, P
-    if (status == IPE_OK && verdict == IPE_DETECT_USE) { ipe_noise_push(&p->noise, innovation, S); }
-    return status;
+    if (status != IPE_OK) { return status; }
+    ipe_attenuation_add(&p->attenuation, average, ipe_noise_level(&p->noise));
+    if (verdict == IPE_DETECT_USE) { ipe_noise_push(&p->noise, innovation, S); }
+    return IPE_OK;
 }
 
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
@@ -338,6 +353,7 @@ void ipe_pipeline_learnt(const ipe_pipeline_t* p, ipe_learnt_t* learnt)
     learnt->states = p->states;
     learnt->rls = p->rls;
     learnt->noise = p->noise;
+    learnt->attenuation = p->attenuation;
     learnt->detect = p->detect;
     memcpy(learnt->gyro_bias, p->config.gyro_bias, sizeof learnt->gyro_bias);
     learnt->n_excited = p->n_excited;
@@ -351,6 +367,7 @@ void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_learnt_t* learnt)
     p->states = learnt->states;
     p->rls = learnt->rls;
     p->noise = learnt->noise;
+    p->attenuation = learnt->attenuation;
     p->detect = learnt->detect;
     p->detect.n_outstanding = 0;
     ipe_pipeline_set_gyro_bias(p, learnt->gyro_bias);

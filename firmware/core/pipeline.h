@@ -2,13 +2,14 @@
 /// CAN frames and tracker positions in, the ten inertial parameters out.
 ///
 ///   frame --> decode --> group --> stuck --> clock, pace --> align --> wrench --> window --> still, regressor, systematic, states
-///         --> noise, rls --> body, consistency
+///         --> noise, rls --> attenuation, body, consistency
 ///
 /// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
 #ifndef IPE_PIPELINE_H
 #define IPE_PIPELINE_H
 
 #include "align.h"
+#include "attenuation.h"
 #include "body.h"
 #include "clock.h"
 #include "config.h"
@@ -47,6 +48,7 @@ typedef struct {
     ipe_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
+    ipe_attenuation_t attenuation;
     ipe_detect_t detect;
     double gyro_bias[3];  ///< as configured or tared, I axes, rad/s
     uint64_t n_excited, n_rows, n_refused;
@@ -68,6 +70,7 @@ typedef struct {
     ipe_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
+    ipe_attenuation_t attenuation;
     ipe_detect_t detect;
     ipe_still_t still;
     uint64_t n_excited;  ///< windows not at rest

@@ -105,6 +105,39 @@ static inline bool cholesky(double* A, size_t n)
     return true;
 }
 
+/// Eigenvalues, on A's diagonal, and eigenvectors, V's columns, of the symmetric n x n matrix A (row-major), by cyclic
+/// Jacobi rotations until nothing is left beside the diagonal. A is spoiled.
+static inline void symmetric_eigen(double* A, double* V, size_t n)
+{
+    double scale = 0.0, off = 1.0;
+    for (size_t i = 0; i < n * n; ++i) {
+        V[i] = i % (n + 1) == 0 ? 1.0 : 0.0;
+        scale += A[i] * A[i];
+    }
+    for (int sweep = 0; sweep < 12 && off > 1e-32 * scale; ++sweep) {
+        off = 0.0;
+        for (size_t p = 0; p + 1 < n; ++p) {
+            for (size_t q = p + 1; q < n; ++q) {
+                const double beside = A[p * n + q];
+                if (fabs(beside) < 1e-300) { continue; }
+                off += beside * beside;
+                const double ratio = (A[q * n + q] - A[p * n + p]) / (2.0 * beside);
+                const double t = copysign(1.0, ratio) / (fabs(ratio) + sqrt(1.0 + ratio * ratio));
+                const double c = 1.0 / sqrt(1.0 + t * t), s = t * c;
+                for (size_t k = 0; k < n; ++k) {
+                    const double kp = A[k * n + p], kq = A[k * n + q];
+                    A[k * n + p] = c * kp - s * kq, A[k * n + q] = s * kp + c * kq;
+                }
+                for (size_t k = 0; k < n; ++k) {
+                    const double pk = A[p * n + k], qk = A[q * n + k], vp = V[k * n + p], vq = V[k * n + q];
+                    A[p * n + k] = c * pk - s * qk, A[q * n + k] = s * pk + c * qk;
+                    V[k * n + p] = c * vp - s * vq, V[k * n + q] = s * vp + c * vq;
+                }
+            }
+        }
+    }
+}
+
 /// True when all n values are finite.
 static inline bool all_finite(const double* v, size_t n)
 {

@@ -6,14 +6,18 @@
 #include <math.h>
 #include <string.h>
 
-#define GAP_PERIODS 1.8            // rows further apart than this have lost one between them
-#define GAP_FRACTION (1.0 / 40.0)  // of the window: a gap shorter than this does no harm
-#define MIN_QUARTER 2              // samples per quarter window
-#define STEP_BACK_S 1.0            // a stamp this far back: the clock was stepped, start again
+#define GAP_PERIODS 1.8                // rows further apart than this have lost one between them
+#define GAP_FRACTION (1.0 / 40.0)      // of the window: a gap shorter than this does no harm
+#define MIN_QUARTER 2                  // samples per quarter window
+#define STEP_BACK_S 1.0                // a stamp this far back: the clock was stepped, start again
+#define BLOCKS_PER_QUARTER 8.0         // that tell the white noise
+#define KERNEL_SQUARE (151.0 / 315.0)  // integral of the B-spline squared, quarters
+#define SLOPE_SQUARE (2.0 / 3.0)       // integral of its derivative squared, per quarter cubed
 
 static void set_period(ipe_window_t* x, double period)
 {
     const double quarter = fmax(MIN_QUARTER, round(0.25 * x->window_length / period));
+    memset(&x->white, 0, sizeof x->white);
     x->period = period;
     x->length = 4.0 * quarter * period;
     x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, 1.01 * period));
@@ -67,6 +71,7 @@ static void restart(ipe_window_t* x, int64_t t_ns)
     x->origin_ns = t_ns;
     x->first = 0;
     x->spacing = 0.0;
+    ipe_white_restart(&x->white);
 }
 
 void ipe_window_restart(ipe_window_t* x)
@@ -111,6 +116,23 @@ static void accumulate(ipe_window_t* x, uint64_t index, double d)
     ++a->n_rows;
 }
 
+static int block_length(const ipe_window_t* x)
+{
+    return (int)fmax(1.0, round(0.25 * x->length / (BLOCKS_PER_QUARTER * x->period)));
+}
+
+/// What white noise of s and w makes of their averages under the kernel.
+static void noise_of_averages(const ipe_window_t* x, ipe_average_t* average)
+{
+    const double quarter = 0.25 * x->length;
+    double density[IPE_WHITE_CHANNELS];
+    ipe_white_density(&x->white, block_length(x) * x->period, density);
+    for (int i = 0; i < 3; ++i) {
+        average->s_variance[i] = KERNEL_SQUARE / quarter * density[i];
+        average->alpha_variance[i] = SLOPE_SQUARE / (quarter * quarter * quarter) * density[3 + i];
+    }
+}
+
 static void finish(ipe_window_t* x, ipe_average_t* average)
 {
     ipe_accumulator_t* a = &x->open[x->first % IPE_WINDOWS_OPEN];
@@ -130,6 +152,7 @@ static void finish(ipe_window_t* x, ipe_average_t* average)
     memcpy(average->velocity, slope + IPE_CHANNEL_P - IPE_CHANNEL_W, sizeof average->velocity);
     memcpy(average->f_slope, slope + IPE_CHANNEL_F - IPE_CHANNEL_W, sizeof average->f_slope);
     memcpy(average->R, a->R, sizeof average->R);
+    noise_of_averages(x, average);
     average->n_rows = a->n_rows;
     average->length = x->length;
     average->t_ns = x->origin_ns + (int64_t)llround(1e9 * x->length * (0.25 * (double)x->first + 0.5));
@@ -169,6 +192,9 @@ ipe_status_t ipe_window_push(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* 
     } else {
         status = settle_previous(x, interval, average);
         x->spacing = interval;
+        const double* s = motion->s;
+        const double* w = motion->w;
+        ipe_white_push(&x->white, (double[]){s[0], s[1], s[2], w[0], w[1], w[2]}, block_length(x));
     }
     remember(x, t_ns, motion, wrench);
     return status;

@@ -15,6 +15,7 @@
 
 #include "config.h"
 #include "types.h"
+#include "white.h"
 
 enum {
     IPE_WINDOWS_OPEN = 4,
@@ -29,6 +30,8 @@ typedef struct {
     double w[3];                     ///< rate, rad/s
     double ww[6];                    ///< rate products xx yy zz yz xz xy, rad2/s2
     double alpha[3];                 ///< angular acceleration, rad/s2
+    double s_variance[3];            ///< of s, by the accelerometer's white noise, m2/s4
+    double alpha_variance[3];        ///< of alpha, by the gyro's, rad2/s4
     double y[IPE_NY];                ///< wrench, N, N m
     double p[3];                     ///< position of P in W, m
     double velocity[3];              ///< its slope, m/s
@@ -77,15 +80,18 @@ typedef struct {
         int64_t t_ns;
         double channel[IPE_CHANNELS];
         double R[3][3];
-    } previous;                            ///< the row that waits for its successor's stamp
-    double spacing;                        ///< s between previous and the one before
-    int n_measured;                        ///< intervals seen while measuring the period
-    double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
+    } previous;                                ///< the row that waits for its successor's stamp
+    double spacing;                            ///< s between previous and the one before
+    int n_measured;                            ///< intervals seen while measuring the period
+    union {
+        double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
+        ipe_white_t white;                     ///< once the period is known: noise of s and w
+    };
 
-    uint64_t n_rows;                       ///< taken in
-    uint64_t n_windows;                    ///< finished
-    uint64_t n_restarts;                   ///< gaps that threw the open windows away
-    uint64_t n_backwards;                  ///< rows refused: stamp not after the one before
+    uint64_t n_rows;       ///< taken in
+    uint64_t n_windows;    ///< finished
+    uint64_t n_restarts;   ///< gaps that threw the open windows away
+    uint64_t n_backwards;  ///< rows refused: stamp not after the one before
 } ipe_window_t;
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);

@@ -20,6 +20,7 @@
 #include "windows.hpp"
 
 extern "C" {
+#include "attenuation.h"
 #include "still.h"
 }
 
@@ -283,6 +284,7 @@ struct Problem {
         set_prior();
         scale.tail(n_geometry).setConstant(config.c().std_geometry);
         xi = Eigen::VectorXd::Zero(n_xi);
+        attenuation.resize(runs.size());
         V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
     }
 
@@ -487,6 +489,8 @@ struct Problem {
 
     void note(const Linearised& run, std::size_t r, const Equations& measured)
     {
+        attenuation[r] = {};
+        for (const ipe_average_t& a : run.window) { ipe_attenuation_add(&attenuation[r], &a, 1.0); }
         Vector6 sum = Vector6::Zero();
         const std::size_t n_windows = run.window.size();
         for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
@@ -515,11 +519,27 @@ struct Problem {
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
+    std::vector<ipe_attenuation_t> attenuation;  ///< of the runs' regressors
     double n_told =
         0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };
+
+/// Take what noise in the regressors of a group's runs pretended to know out of theta and P, about the IMU (attenuation.h);
+/// the plain fit stays the plain fit.
+inline void undo_attenuation(const Problem& problem, int group, Theta& theta, Covariance& P)
+{
+    const Theta& mean = problem.prior_mean[static_cast<std::size_t>(group)];
+    const Covariance F = problem.prior_rows[static_cast<std::size_t>(group)].inverse();
+    Covariance prior = F * F.transpose(), C = Covariance::Zero();
+    for (std::size_t r = 0; r < problem.runs.size(); ++r) {
+        if (problem.runs[r].group != group) { continue; }
+        Matrix6 L = problem.V[r].llt().matrixL();
+        ipe_attenuation_information(&problem.attenuation[r], as_array(L), 1.0, as_array(C));
+    }
+    ipe_attenuation_undo(as_array(C), mean.data(), as_array(prior), theta.data(), as_array(P));
+}
 
 /// What is published about one group's body, by the rules of pipeline.c.
 inline BatchBody publish(const Problem& problem, int group)
@@ -528,6 +548,7 @@ inline BatchBody publish(const Problem& problem, int group)
     BatchBody b{};
     b.theta = problem.theta[static_cast<std::size_t>(group)];
     b.P = problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group);
+    if (!problem.free.empty()) { undo_attenuation(problem, group, b.theta, b.P); }
     ipe_body_shift(c.imu_position, b.theta.data(), as_array(b.P));
     b.is_consistent = ipe_consistency_check(b.theta.data());
     if (!ipe_consistency_project(b.theta.data(), as_array(b.P), b.theta_possible.data(), &b.distance)) {
