@@ -157,18 +157,22 @@ $(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
 
-BENCHES := core simulate gaps excite report record pacing vcan soak
+BENCHES := core simulate gaps excite report record pacing receive soak
 
-## Measure beside other software (about 40 min; T="core vcan" picks of: core simulate gaps excite report record pacing vcan soak)
+## Measure beside other software (about 40 min; T="core receive" picks of: core simulate gaps excite report record pacing receive soak)
 bench: $(addprefix bench-,$(or $(T),$(BENCHES)))
 $(addprefix bench-,$(BENCHES)): .venv/test.stamp build $(BENCH)
 bench-core bench-simulate bench-gaps bench-excite bench-report bench-record: bench-%:
 	$(Q)$(PY) test/bench/$*.py
 bench-pacing:
 	$(Q)tools/vcan $(PY) test/bench/pacing.py
-bench-vcan:
+$(B)/bench/can_over_udp.so: test/host/can_over_udp.c
+	@mkdir -p $(@D)
+	$(Q)$(CC) $(CFLAGS) -Wno-missing-prototypes -shared $< -o $@
+bench-receive: $(B)/bench/can_over_udp.so
 	$(Q)$(PY) test/bench/flood.py
-	$(Q)tools/vcan python3 -S test/bench/vcan.py
+	$(Q)$(PY) -S test/bench/receive.py --over-udp
+	$(Q)tools/vcan python3 -S test/bench/receive.py
 bench-soak:
 	$(Q)$(PY) test/bench/flood.py
 	$(Q)$(PY) test/bench/soak.py

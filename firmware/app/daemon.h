@@ -74,7 +74,8 @@ typedef struct {
 
     health_carried_t carried;
     uint64_t n_commands_done, n_commands_refused;
-    uint64_t n_frames_reported;              ///< in the last status
+    uint64_t n_frames_last;                  ///< taken in until the last tick
+    uint64_t n_frames_tick;                  ///< of them in the second before it
     ipe_bus_state_t bus_state[IPE_BUSES_MAX];
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;

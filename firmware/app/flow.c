@@ -9,12 +9,6 @@ int64_t flow_now(const daemon_t* d)
     return d->n_interfaces > 0 ? ipe_host_clock_now(&d->clock) : d->data_ns;
 }
 
-/// How long it has been since the frame at hand came.
-static void measure(const daemon_t* d, ipe_histogram_t* h)
-{
-    if (d->arrival_ns != 0) { ipe_histogram_push(h, ipe_host_clock_now(&d->clock) - d->arrival_ns); }
-}
-
 /// Tell that the payload changed, when it did.
 static void report_change(daemon_t* d, int64_t t_ns)
 {
@@ -31,7 +25,10 @@ static void take_row(daemon_t* d, const ipe_row_t* row)
     ipe_rest_push(&d->rest, row);
     report_change(d, row->t_ns);
     ipe_publish_row(&d->publisher, row);
-    if (ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate)) { measure(d, &d->estimated); }
+    const bool is_sent = ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate);
+    if (is_sent && d->arrival_ns != 0) {
+        ipe_histogram_push(&d->estimated, ipe_host_clock_now(&d->clock) - d->arrival_ns);
+    }
 }
 
 void flow_step(daemon_t* d)
@@ -49,7 +46,6 @@ void flow_frame(daemon_t* d, const ipe_frame_t* frame, int64_t arrival_ns)
     ipe_publish_frame(&d->publisher, frame);
     if ((frame->can_id & IPE_CAN_ERR) != 0) { monitor_error_frame(d, frame); }
     (void)ipe_pipeline_push_frame(d->pipeline, frame);  // what it refuses, it counts
-    measure(d, &d->decoded);
     flow_step(d);
     d->arrival_ns = 0;
     health_advance(d, frame->t_ns);

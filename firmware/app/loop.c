@@ -13,6 +13,8 @@
 #include <unistd.h>
 
 enum { ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16, MESSAGES_PER_TURN = 64 };
+// More frames per second than a classical bus carries are not waited for one by one but collected for so long.
+enum { COLLECT_ABOVE = 10000, COLLECT_NS = 1000000 };
 
 /// What woke the loop. Interfaces follow the last one: WAKE_BUS + index.
 enum { WAKE_SIGNAL, WAKE_SECOND, WAKE_PACE, WAKE_INPUT, WAKE_LCM, WAKE_BUS };
@@ -69,12 +71,19 @@ static int64_t replay_arrival(const daemon_t* d)
     return d->replay.speed > 0.0 ? ipe_host_clock_now(&d->clock) : 0;
 }
 
+static void replay_frame(daemon_t* d, const ipe_frame_t* frame)
+{
+    const int64_t arrival_ns = replay_arrival(d);
+    flow_frame(d, frame, arrival_ns);
+    if (arrival_ns != 0) { ipe_histogram_push(&d->decoded, ipe_host_clock_now(&d->clock) - arrival_ns); }
+}
+
 /// One item of the recorded input. False when it has to wait.
 static bool replay_item(daemon_t* d)
 {
     ipe_replay_item_t item;
     switch (ipe_replay_next(&d->replay, &item)) {
-    case IPE_REPLAY_FRAME: flow_frame(d, item.frame, replay_arrival(d)); return true;
+    case IPE_REPLAY_FRAME: replay_frame(d, item.frame); return true;
     case IPE_REPLAY_POSITION:
         ipe_publish_position(&d->publisher, item.position->t_ns, item.position->position);
         flow_position(d, item.position->t_ns, item.position->position, replay_arrival(d));
@@ -95,17 +104,24 @@ static void run_replay(daemon_t* d)
     for (int i = 0; i < ITEMS_PER_TURN && d->is_replay_runnable; ++i) { d->is_replay_runnable = replay_item(d); }
 }
 
+/// The frames of a batch count as decoded when all of them are, so the clock is read once.
+static void take_batch(daemon_t* d, ipe_frame_t* frame, int n)
+{
+    for (int k = 0; k < n; ++k) {
+        frame[k].t_ns = ipe_host_clock_map(&d->clock, frame[k].t_ns);
+        flow_frame(d, &frame[k], frame[k].t_ns);
+    }
+    const int64_t now_ns = ipe_host_clock_now(&d->clock);
+    for (int k = 0; k < n; ++k) { ipe_histogram_push(&d->decoded, now_ns - frame[k].t_ns); }
+}
+
 static void read_interface(daemon_t* d, unsigned i)
 {
-    int n = 1;
-    for (int batch = 0; batch < BATCHES_PER_TURN && n > 0; ++batch) {
-        n = ipe_source_socketcan_read(&d->interface[i]);
+    ipe_source_socketcan_t* s = &d->interface[i];
+    for (int batch = 0; batch == 0 || (s->has_more && batch < BATCHES_PER_TURN); ++batch) {
+        const int n = ipe_source_socketcan_read(s);
         monitor_clock(d);
-        for (int k = 0; k < n; ++k) {
-            ipe_frame_t* frame = &d->interface[i].frame[k];
-            frame->t_ns = ipe_host_clock_map(&d->clock, frame->t_ns);
-            flow_frame(d, frame, frame->t_ns);
-        }
+        take_batch(d, s->frame, n);
     }
     monitor_interface(d, i);
 }
@@ -152,10 +168,20 @@ static void handle(daemon_t* d, uint64_t wake)
     }
 }
 
+/// At a high rate let frames gather, unless there are whole batches already: a wake-up costs as much as some dozen frames.
+static void collect(const daemon_t* d)
+{
+    const struct timespec pause = {.tv_nsec = COLLECT_NS};
+    bool is_prompt = d->n_interfaces == 0 || d->n_frames_tick <= COLLECT_ABOVE;
+    for (unsigned i = 0; i < d->n_interfaces; ++i) { is_prompt |= d->interface[i].has_more; }
+    if (!is_prompt) { (void)nanosleep(&pause, NULL); }
+}
+
 void loop_run(daemon_t* d)
 {
     while (!d->is_done) {
         struct epoll_event event[8];
+        collect(d);
         const int n = epoll_wait(d->epoll_fd, event, sizeof event / sizeof event[0], d->is_replay_runnable ? 0 : -1);
         for (int i = 0; i < n; ++i) { handle(d, event[i].data.u64); }
         if (d->is_replay_runnable) { run_replay(d); }

@@ -172,13 +172,17 @@ static void report_status(daemon_t* d)
     char mass[64] = "no estimate yet";
     unsigned n_up = 0;
     const ipe_estimate_t* e = &d->pipeline->estimate;
-    const uint64_t n_frames = health_frames(d);
     for (unsigned i = 0; i < d->n_interfaces; ++i) { n_up += d->interface[i].is_up ? 1 : 0; }
     if (e->n_windows > 0) { (void)snprintf(mass, sizeof mass, "%.3f +- %.3f kg", e->body.mass, e->body.mass_std); }
     ipe_notify_send(&d->notify, "WATCHDOG=1\nSTATUS=%" PRIu64 " frames/s, %s%s, %u of %u interfaces up",
-                    n_frames - d->n_frames_reported, mass, d->pipeline->is_frozen ? ", frozen" : "", n_up,
-                    d->n_interfaces);
-    d->n_frames_reported = n_frames;
+                    d->n_frames_tick, mass, d->pipeline->is_frozen ? ", frozen" : "", n_up, d->n_interfaces);
+}
+
+static void count_frames(daemon_t* d)
+{
+    const uint64_t n = health_frames(d);
+    d->n_frames_tick = n - d->n_frames_last;
+    d->n_frames_last = n;
 }
 
 void monitor_tick(daemon_t* d)
@@ -199,5 +203,6 @@ void monitor_tick(daemon_t* d)
         health_send(d, flow_now(d));
     }
     d->was_health_sent = false;
+    count_frames(d);
     report_status(d);
 }

@@ -44,18 +44,17 @@ void ipe_decode_init(ipe_decode_t* d, const ipe_config_t* config)
     }
 }
 
+// Written out, compilers make one load of it, and a byte swap where needed.
 static uint64_t load_little_endian(const uint8_t* p)
 {
-    uint64_t v = 0;
-    for (unsigned i = 0; i < 8; ++i) { v |= (uint64_t)p[i] << (8 * i); }
-    return v;
+    return (uint64_t)p[0] | (uint64_t)p[1] << 8 | (uint64_t)p[2] << 16 | (uint64_t)p[3] << 24 | (uint64_t)p[4] << 32 |
+           (uint64_t)p[5] << 40 | (uint64_t)p[6] << 48 | (uint64_t)p[7] << 56;
 }
 
 static uint64_t load_big_endian(const uint8_t* p)
 {
-    uint64_t v = 0;
-    for (unsigned i = 0; i < 8; ++i) { v = v << 8 | p[i]; }
-    return v;
+    return (uint64_t)p[0] << 56 | (uint64_t)p[1] << 48 | (uint64_t)p[2] << 40 | (uint64_t)p[3] << 32 |
+           (uint64_t)p[4] << 24 | (uint64_t)p[5] << 16 | (uint64_t)p[6] << 8 | (uint64_t)p[7];
 }
 
 uint64_t ipe_decode_raw(const uint8_t data[72], int start, int length, bool big_endian, bool is_signed)

@@ -15,8 +15,8 @@
 enum { BATCH_MAX = 1 << 20, FILES_MAX = 1000000 };
 static const uint32_t SYNC = 0xEDA1DA01U;
 static const int64_t NS_PER_S = 1000000000;
-static const int64_t PERIOD_NS = 50000000;  // between two looks at the queue
-static const int64_t SYNC_NS = 500000000;   // between two syncs
+static const int64_t PERIOD_NS = 100000000;  // between two looks at the queue
+static const int64_t SYNC_NS = 500000000;    // between two syncs
 
 static_assert((IPE_RECORD_QUEUE & (IPE_RECORD_QUEUE - 1)) == 0, "positions wrap with a mask");
 

@@ -244,11 +244,9 @@ int ipe_source_socketcan_read(ipe_source_socketcan_t* s)
 {
     struct mmsghdr message[IPE_SOCKETCAN_BATCH];
     int n_frames = 0;
-    while (n_frames == 0 && s->fd >= 0) {  // a batch of nothing but own frames is not the end
-        const int n = receive(s, message);
-        if (n <= 0) { return 0; }
-        for (int i = 0; i < n; ++i) { n_frames += convert(s, &message[i], &s->wire[i], &s->frame[n_frames]) ? 1 : 0; }
-    }
+    const int n = s->fd >= 0 ? receive(s, message) : 0;
+    for (int i = 0; i < n; ++i) { n_frames += convert(s, &message[i], &s->wire[i], &s->frame[n_frames]) ? 1 : 0; }
+    s->has_more = n == IPE_SOCKETCAN_BATCH;
     return n_frames;
 }
 

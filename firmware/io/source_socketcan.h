@@ -35,6 +35,7 @@ typedef struct {
     struct can_filter filter[IPE_SIGNALS_MAX];
     int receive_buffer;                            ///< bytes, as the kernel counts them
     uint32_t last_drops;                           ///< the kernel's counter for this socket, as last read
+    bool has_more;                                 ///< the last batch was full: there may be more
     ipe_frame_t frame[IPE_SOCKETCAN_BATCH];        ///< the last batch
     struct canfd_frame wire[IPE_SOCKETCAN_BATCH];  ///< the same as the kernel gave it
     ipe_socketcan_control_t control[IPE_SOCKETCAN_BATCH];
@@ -61,7 +62,7 @@ int ipe_source_socketcan_filter(ipe_source_socketcan_t* s, const ipe_config_t* c
 /// Read what is there, at most one batch, into s->frame. Never blocks.
 ///
 /// Number of frames in s->frame; 0: nothing there, or the interface went down (s->is_up is false then). Call again while
-/// it returns more than 0.
+/// s->has_more.
 int ipe_source_socketcan_read(ipe_source_socketcan_t* s);
 
 /// Once a second: read the kernel's drop counter; open again an interface that came back (s->fd may change).

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The frames of a recorded run over and over, at any rate, onto a bus or as a log:
+/// The sensors of a recorded run at any rate, onto a bus or as a log:
 ///
 ///   flood can.log vcan0 RATE SECONDS   sends RATE frames/s, prints how many frames and in how many seconds
 ///   flood can.log - RATE SECONDS       writes a candump log whose stamps advance at RATE frames/s, as fast as it is read
 ///
-/// As the run's sensors do, each frame carries its identifier's own counter in its first two bytes and its time in us
-/// in the next four: both go on where the run begins anew.
+/// The run holds one frame of each sensor in turn, at its own rate. The motion goes at the run's pace whatever RATE is:
+/// values of a sensor are sent again until the run has new ones. As the run's sensors do, each frame carries its
+/// identifier's own counter in its first two bytes and its time in us in the next four: both go on where the run begins
+/// anew.
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE  // sendmmsg()
 #endif
@@ -22,10 +24,12 @@
 #include <sys/socket.h>
 #include <time.h>
 
-enum { BATCH = 64, TICK_NS = 1000000, IDS = 2048 };
+enum { BATCH = 64, TICK_NS = 100000, IDS = 2048 };
 
 static struct canfd_frame* run;
 static size_t n_run;
+static size_t n_sensors;  // frames of the run with one sample of each
+static double period_us;  // of the run's samples
 static uint16_t count[IDS];
 
 static void fail(const char* what)
@@ -34,9 +38,25 @@ static void fail(const char* what)
     exit(2);
 }
 
+/// The run's order and pace, from its frames and the time between its first and last.
+static void find_pattern(const char* path, int64_t span_ns)
+{
+    n_sensors = 1;
+    while (n_sensors < n_run && run[n_sensors].can_id != run[0].can_id) { ++n_sensors; }
+    n_run -= n_run % n_sensors;
+    for (size_t i = n_sensors; i < n_run; ++i) {
+        if (run[i].can_id != run[i - n_sensors].can_id) {
+            errno = EINVAL;
+            fail(path);
+        }
+    }
+    period_us = 1e-3 * (double)span_ns * (double)n_sensors / (double)n_run;
+}
+
 static void load(const char* path)
 {
     FILE* file = fopen(path, "r");
+    int64_t first_ns = 0, last_ns = 0;
     char* line = NULL;
     size_t size = 0;
     ssize_t length;
@@ -47,12 +67,15 @@ static void load(const char* path)
         uint64_t n_dropped;
         const size_t n = (size_t)length - (line[length - 1] == '\n' ? 1 : 0);
         if (ipe_candump_parse(line, n, &frame, &name, &n_dropped) != IPE_CANDUMP_FRAME) { continue; }
+        first_ns = n_run == 0 ? frame.t_ns : first_ns;
+        last_ns = frame.t_ns;
         run = realloc(run, (n_run + 1) * sizeof *run);
         if (run == NULL) { fail(path); }
         run[n_run] = (struct canfd_frame){.can_id = frame.can_id % IDS, .len = frame.length, .flags = CANFD_BRS};
         memcpy(run[n_run++].data, frame.data, frame.length);
     }
     if (n_run == 0) { fail(path); }
+    find_pattern(path, last_ns - first_ns);
     free(line);
     (void)fclose(file);
 }
@@ -60,7 +83,8 @@ static void load(const char* path)
 /// Frame k of the load, t_us after its begin.
 static struct canfd_frame frame_at(uint64_t k, uint64_t t_us)
 {
-    struct canfd_frame frame = run[k % n_run];
+    const size_t row = (size_t)((double)t_us / period_us) % (n_run / n_sensors);
+    struct canfd_frame frame = run[row * n_sensors + k % n_sensors];
     const uint16_t n = count[frame.can_id]++;
     const uint32_t time = (uint32_t)t_us;
     memcpy(frame.data, &n, sizeof n);
