@@ -94,7 +94,7 @@ const char* health_bus_name(const daemon_t* d, unsigned i)
 static uint64_t rejected_rows(const ipe_pipeline_t* p)
 {
     const ipe_align_t* a = &p->align;
-    uint64_t n = a->n_overrun + a->n_bad_quaternion + p->wrench.n_geometry + p->window.n_backwards;
+    uint64_t n = a->n_overrun + a->n_bad_quaternion + p->n_unsettled + p->wrench.n_geometry + p->window.n_backwards;
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
     n += a->n_backwards[IPE_IMU] + a->n_duplicate[IPE_IMU] + a->n_nonfinite[IPE_IMU];
     return n + p->pace[IPE_IMU].n_dropped + p->stuck.n_stuck[IPE_IMU];

@@ -8,7 +8,11 @@
 #define WINDOW_S 60.0          // hull looks back this far
 #define FIRST_BLOCK_S (1.0 / 64.0)
 #define SETTLED_S 1.0          // before, the line may still lie late because the first stamps were
+#define STANDS_S 1e-3          // a line that earlier stamps moved by less stands still
+#define PROMPT_S 0.02          // mean lateness of a host that does not stall
+#define PATIENCE_S 5.0         // with one that does
 #define RATE_TOLERANCE 300e-6  // while the rate is taken as 1
+#define RATE_LIMIT 500e-6      // no device's clock is further off
 // A clock was stepped if
 #define STEP_EARLY_S 0.02     // a stamp is this much before the line;
 #define STEP_BACK_S 0.5       // or device time goes back by this much at once,
@@ -29,6 +33,7 @@ void ipe_clock_init(ipe_clock_t* c, double wrap, double min_rate_span)
 static void start(ipe_clock_t* c, double device, int64_t host_ns)
 {
     c->is_started = true;
+    c->is_settled = false;
     c->last_raw = device;
     c->unwrapped = 0.0;
     c->device_0 = device;
@@ -77,7 +82,21 @@ static void make_room(ipe_clock_t* c)
     }
 }
 
-/// Lower hull of the points by a monotone chain; the edge over the mean device time gives rate and offset.
+/// Rate 1 and the smallest offset seen: all that a short record tells.
+static void fit_offset(ipe_clock_t* c)
+{
+    c->rate = 1.0;
+    c->offset = c->point[0].host - c->point[0].device;
+    for (int i = 1; i < c->n_points; ++i) { c->offset = fmin(c->offset, c->point[i].host - c->point[i].device); }
+}
+
+static double slope(const ipe_clock_t* c, int i, int j)
+{
+    return (c->point[j].host - c->point[i].host) / (c->point[j].device - c->point[i].device);
+}
+
+/// Lower hull of the points by a monotone chain; the edge over the mean device time gives rate and offset. Edges that no
+/// clock is as fast or slow as lead to stamps that were late together: the next one towards the others is taken.
 static void fit_line(ipe_clock_t* c)
 {
     int hull[IPE_CLOCK_POINTS] = {0};
@@ -96,17 +115,12 @@ static void fit_line(ipe_clock_t* c)
     }
     int k = 0;
     while (k < n - 2 && c->point[hull[k + 1]].device < mean) { ++k; }
-    const double dx = c->point[hull[k + 1]].device - c->point[hull[k]].device;
-    c->rate = (c->point[hull[k + 1]].host - c->point[hull[k]].host) / dx;
+    const double limit = c->min_rate_span > 0.0 ? RATE_LIMIT : INFINITY;
+    while (k < n - 2 && slope(c, hull[k], hull[k + 1]) < 1.0 - limit) { ++k; }
+    while (k > 0 && slope(c, hull[k], hull[k + 1]) > 1.0 + limit) { --k; }
+    c->rate = slope(c, hull[k], hull[k + 1]);
     c->offset = c->point[hull[k]].host - c->rate * c->point[hull[k]].device;
-}
-
-/// Rate 1 and the smallest offset seen: all that a short record tells.
-static void fit_offset(ipe_clock_t* c)
-{
-    c->rate = 1.0;
-    c->offset = c->point[0].host - c->point[0].device;
-    for (int i = 1; i < c->n_points; ++i) { c->offset = fmin(c->offset, c->point[i].host - c->point[i].device); }
+    if (!(fabs(c->rate - 1.0) <= limit)) { fit_offset(c); }
 }
 
 /// How far stamps scatter after the line: the mean of the blocks' earliest.
@@ -115,6 +129,25 @@ static double scatter(const ipe_clock_t* c)
     double sum = 0.0;
     for (int i = 0; i < c->n_points; ++i) { sum += fabs(c->point[i].host - c->offset - c->rate * c->point[i].device); }
     return sum / c->n_points;
+}
+
+/// Do the earliest stamps of the last second lie where the earliest before it do, and were most of them about as prompt?
+/// A host that stalls again and again has none that were prompt; one that is never better is believed after a while.
+static bool stands_still(const ipe_clock_t* c, double device)
+{
+    double before = INFINITY, since = INFINITY, sum = 0.0;
+    int n = 0;
+    for (int i = 0; i < c->n_points; ++i) {
+        const double late = c->point[i].host - c->offset - c->rate * c->point[i].device;
+        if (c->point[i].device <= device - SETTLED_S) {
+            before = fmin(before, late);
+        } else {
+            since = fmin(since, late);
+            sum += late;
+            ++n;
+        }
+    }
+    return fabs(since - before) < STANDS_S && (sum < PROMPT_S * n || device > PATIENCE_S);
 }
 
 static void fit(ipe_clock_t* c)
@@ -133,6 +166,7 @@ static void learn(ipe_clock_t* c, double device, double host)
     if (c->n_points > 0 && device < c->point[c->n_points - 1].device) { return; }  // reordered: its block may be over
     if (c->n_points == 0 || device >= c->block_end) {
         if (c->n_points > 0) { fit(c); }
+        c->is_settled |= stands_still(c, device);
         make_room(c);
         c->point[c->n_points].device = device;
         c->point[c->n_points].host = host;

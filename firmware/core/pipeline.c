@@ -287,6 +287,15 @@ static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* averag
     return IPE_OK;
 }
 
+/// A clock that has seen few stamps may have seen late ones only: where it puts a sample is not known yet.
+static bool clocks_are_settled(const ipe_pipeline_t* p)
+{
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        if (p->clock[s].is_started && !p->clock[s].is_settled) { return false; }
+    }
+    return true;
+}
+
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
 {
     ipe_motion_t motion;
@@ -295,8 +304,12 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     double nis;
     const uint64_t restarts = p->window.n_restarts;
 
-    ipe_status_t status = ipe_align_pop(&p->align, row);                          // samples -> row
+    ipe_status_t status = ipe_align_pop(&p->align, row);  // samples -> row
     if (status != IPE_OK) { return status; }
+    if (!clocks_are_settled(p)) {
+        ++p->n_unsettled;
+        return IPE_ERR_TIME;
+    }
     status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);              // row -> motion, cable wrench
     if (status != IPE_OK) { return status; }
     status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
@@ -418,6 +431,7 @@ const char* ipe_pipeline_counter(const ipe_pipeline_t* p, unsigned index, uint64
         {"clock.imu.steps", p->clock[IPE_IMU].n_steps},
         {"clock.force.steps", p->clock[IPE_FORCE].n_steps},
         {"clock.position.steps", p->clock[IPE_POSITION].n_steps},
+        {"clock.unsettled", p->n_unsettled},
         {"pace.imu.lost", p->pace[IPE_IMU].n_lost},
         {"pace.imu.dropped", p->pace[IPE_IMU].n_dropped},
         {"pace.imu.restarts", p->pace[IPE_IMU].n_restarts},

@@ -73,12 +73,13 @@ typedef struct {
     ipe_attenuation_t attenuation;
     ipe_detect_t detect;
     ipe_still_t still;
-    uint64_t n_excited;  ///< windows not at rest
+    uint64_t n_excited;    ///< windows not at rest
     ipe_estimate_t estimate;
-    uint64_t n_rows;     ///< aligned rows that entered the window
-    uint64_t n_refused;  ///< estimates not published because a value was not finite
-    bool is_frozen;      ///< windows are not learnt from
-    uint64_t n_frozen;   ///< windows that were not
+    uint64_t n_unsettled;  ///< rows refused: a clock was not known well yet
+    uint64_t n_rows;       ///< aligned rows that entered the window
+    uint64_t n_refused;    ///< estimates not published because a value was not finite
+    bool is_frozen;        ///< windows are not learnt from
+    uint64_t n_frozen;     ///< windows that were not
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.

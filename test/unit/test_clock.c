@@ -249,6 +249,58 @@ static void test_map_first_stamps_late_are_no_step(void)
     TEST_ASSERT_EQUAL_UINT64(0, clock_.n_steps);
 }
 
+static void test_map_prompt_stamps_settle_in_a_second(void)
+{
+    static const double rate[] = {5.0, 50.0, 1000.0};
+    for (int i = 0; i < 3; ++i) {
+        ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given
+        double t = 0.0;
+        for (int k = 0; !clock_.is_settled && t < 5.0; ++k) {
+            t = k / rate[i];
+            (void)ipe_clock_map(&clock_, t * (1.0 + 200e-6), host_at(t + between(&seed, 5e-6, 300e-6)));  // when
+        }
+        TEST_ASSERT_TRUE(t >= 1.0 && t <= 1.0 + 1.0 / 32.0 + 1.0 / rate[i]);                              // then
+    }
+}
+
+/// A host that comes to life slowly: within the first seconds it stands still again and again and then stamps what it
+/// missed in a burst. A clock says that it is settled when its line is right, and not long after it can be.
+static void test_map_a_settled_clock_is_right_however_the_host_started(void)
+{
+    int n_late = 0;
+    for (int start = 0; start < 300; ++start) {
+        const uint64_t first_seed = seed;
+        const double busy = between(&seed, 0.0, 4.0);  // given
+        double stall_end = 0.0, newest = 0.0, settled_at = INFINITY;
+        ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);
+        for (int k = 0; k < 8000; ++k) {
+            const double t = 1e-3 * k;
+            if (t >= stall_end && t < busy) { stall_end = t + between(&seed, 0.02, 1.5); }
+            newest = fmax(newest + 20e-6, fmax(t, stall_end) + between(&seed, 5e-6, 300e-6));
+            const int64_t mapped = ipe_clock_map(&clock_, t, host_at(newest));  // when
+            const double error = fabs(1e-9 * (double)(mapped - host_at(t)));
+            n_late += !clock_.is_settled && error > 2e-3;
+            if (clock_.is_settled && error > 2e-3) {  // then
+                printf("seed %llu, start %d: off by %.1f ms at %.3f s\n", (unsigned long long)first_seed, start,
+                       1e3 * error, t);
+                TEST_FAIL();
+            }
+            if (clock_.is_settled) { settled_at = fmin(settled_at, t); }
+        }
+        ASSERT_BELOW(fmax(stall_end, busy) + 1.25, settled_at);
+    }
+    TEST_ASSERT_GREATER_THAN_INT(1000, n_late);  // the starts were as bad as that
+}
+
+static void test_map_stepped_clock_settles_anew(void)
+{
+    ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given
+    (void)largest_error(0.0, 100.0, 0.0, 3.0, 3.0);
+    TEST_ASSERT_TRUE(clock_.is_settled);
+    (void)ipe_clock_map(&clock_, 5.0, host_at(3.0));  // when: the device restarted
+    TEST_ASSERT_FALSE(clock_.is_settled);             // then
+}
+
 static void test_map_long_pause_keeps_the_line(void)
 {
     ipe_clock_init(&clock_, 0.0, IPE_CLOCK_RATE_SPAN);  // given: a minute at 100 ppm, then silence
@@ -292,6 +344,9 @@ int main(void)
     RUN_TEST(test_map_reordered_samples_are_no_step);
     RUN_TEST(test_map_host_that_stalls_is_no_step);
     RUN_TEST(test_map_first_stamps_late_are_no_step);
+    RUN_TEST(test_map_prompt_stamps_settle_in_a_second);
+    RUN_TEST(test_map_a_settled_clock_is_right_however_the_host_started);
+    RUN_TEST(test_map_stepped_clock_settles_anew);
     RUN_TEST(test_map_long_pause_keeps_the_line);
     RUN_TEST(test_map_same_device_time_twice_gives_the_same_instant);
     return UNITY_END();

@@ -22,7 +22,7 @@ from inertiad.table import Array, Table
 REJECTED: Final = (
     *("align.force.missing", "align.force.late", "align.position.missing", "align.position.late", "align.overrun"),
     *("align.imu.backwards", "align.imu.duplicate", "align.imu.not_finite", "align.imu.bad_quaternion"),
-    *("pace.imu.dropped", "stuck.imu.refused", "wrench.bad_geometry", "window.backwards"),
+    *("pace.imu.dropped", "stuck.imu.refused", "clock.unsettled", "wrench.bad_geometry", "window.backwards"),
 )
 """counters of rows lost or refused, as the daemon's estimate.json adds them up"""
 

@@ -37,6 +37,8 @@ TRUTH_SIGMAS: Final = 4.0
 ROWS_LOST_MAX: Final = 0.01
 """share of IMU samples that may not become rows: at the ends, where another sensor is missing; on a bus also where the
 host stamped late and its clock's fit steps back once it knows better"""
+UNSETTLED_MAX: Final = 3.0
+"""s of rows that the daemon may give up because clocks were not settled, where none was stepped"""
 LATENCY_MAX: Final = 0.1
 """s, p99 from a frame's stamp to the arrival of its RAW message"""
 DIFFERENCES_SHOWN: Final = 3
@@ -287,9 +289,11 @@ def _check_rows(case: Case) -> Iterator[Check]:
     t_ns, values = _rows(case)
     counters = case.published.summary
     n_imu = counters.get("align.imu.samples", 0) + counters.get("align.imu.backwards", 0)
-    lost = n_imu - len(t_ns)
+    n_unsettled = counters.get("clock.unsettled", 0)
+    lost = n_imu - len(t_ns) - n_unsettled
     good = n_imu > 0 and 0 <= lost <= max(ROWS_LOST_MAX * n_imu, 50)
-    causes = ("missing", "late", "backwards", "carried")
+    good &= len(t_ns) > 1 and n_unsettled * float(np.median(np.diff(t_ns))) < UNSETTLED_MAX * NS_PER_S
+    causes = ("missing", "late", "backwards", "carried", "unsettled")
     told = ", ".join(f"{name} {n}" for name, n in counters.items() if n and name.rpartition(".")[2] in causes)
     yield Check("rows", good, f"{len(t_ns)} of {n_imu} IMU samples{f'; {told}' if told else ''}")
     ordered = len(t_ns) > 0 and bool((np.diff(t_ns) > 0).all())
