@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import COGIRO, TOP
+from conftest import COGIRO, ISOLATED, TOP
 
 from inertiad import compile as compiler
 from inertiad import lcmlog
@@ -108,6 +108,34 @@ def test_full_disk_is_told_and_counted_and_the_rest_goes_on(run, tmp_path):
     assert f"lacks {n['record.dropped']} messages: File too large" in result.stderr
     remarks: list[str] = []
     assert len(list(lcmlog.read(tmp_path / "run.lcmlog", remarks))) == n["record.messages"] + 1 and not remarks
+
+
+NETWORK_GONE = """
+"$@" & daemon=$!
+sleep 1.5
+ip link set lo down
+sleep 2.5
+ip link set lo up multicast on
+ip route add 224.0.0.0/4 dev lo
+wait $daemon
+"""
+
+
+def test_network_that_goes_and_comes_back_stops_neither_record_nor_estimate(run, tmp_path):
+    record, estimate = tmp_path / "run.lcmlog", tmp_path / "estimate.json"
+    command = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log?speed=1"]
+    command += ["--tracker", f"file:{run}/tracker.csv", "--record", record, "--estimate", estimate]
+    isolated = [*ISOLATED, "sh", "-c", NETWORK_GONE, "-", *map(str, command)]
+    result = subprocess.run(isolated, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stderr
+    n = counters(result)
+    told = [text for source, text in events_of(record) if source == "lcm"]
+    assert told == ["messages cannot be sent", f"back after {n['lcm.failed']} messages that were not sent"]
+    assert 50 < n["lcm.failed"] < n["lcm.messages"]
+    undisturbed = counters(daemon(run, run / "can.log", tmp_path / "undisturbed.lcmlog"))
+    for name in ("bus0.frames", "align.rows", "rls.updates"):
+        assert n[name] == undisturbed[name]
+    assert n["record.dropped"] == 0 and n["record.messages"] >= undisturbed["record.messages"]
 
 
 def test_latencies_are_measured_where_time_is_kept(run, tmp_path):

@@ -36,9 +36,12 @@ LOSSES = (
     ("align", "not_finite"),
 )
 HOUR = 3600.0
+STORM = {"unknown storm": ("-I", "7A0", "-L", "8"), "remote storm": ("-I", "010", "-L", "0", "-R")}
+"""of cangen, which sends as fast as the machine can; the remote frames ask for the IMU's message"""
 AT_ONCE = 4  # daemons; more of them keep a slow guest from its schedule
 ON_TIME = 0.05  # s, no frame later than that: the schedule was kept
 TRIES = 3
+STORM_MIN = 10000  # frames; else it was none
 IDLE_TICKS = 20  # of 10 ms in a second, all daemons together
 
 
@@ -66,6 +69,8 @@ class Patient:
         self.folder = OUT / str(number)
         self.n_sent = self.n_refused = self.n_dropped = 0
         self.socket: socket.socket | None = None
+        self.n_foreign = 0
+        self.storm: subprocess.Popen[bytes] | None = None
         self.restart_s: float | None = None
         self.process: subprocess.Popen[bytes] | None = None
 
@@ -123,6 +128,13 @@ class Patient:
                 in_background("ip route del 224.0.0.0/4 dev lo")
             case "multicast":
                 in_background("ip route add 224.0.0.0/4 dev lo")
+            case "unknown storm" | "remote storm":
+                command = ["cangen", self.bus, "-g", "0", "-p", "10", *STORM[action]]
+                self.storm = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+            case "calm":
+                assert self.storm is not None
+                self.storm.terminate()
+                self.storm.wait()
             case "stop":
                 self.process.send_signal(signal.SIGSTOP)
             case "continue":
@@ -151,9 +163,12 @@ class Patient:
             (self.folder / "small").mkdir()
             shell(f"mount -t tmpfs -o size=256k tmpfs {self.folder}/small")
 
-    def note_drops(self) -> None:
-        """Frames taken from the sender that the interface, on its way down, gave to nobody."""
-        self.n_dropped = int(Path(f"/sys/class/net/{self.bus}/statistics/rx_dropped").read_text())
+    def note_statistics(self) -> None:
+        """Frames taken from the sender that the interface, on its way down, gave to nobody; frames of a storm."""
+        statistics = Path(f"/sys/class/net/{self.bus}/statistics")
+        self.n_dropped = int((statistics / "rx_dropped").read_text())
+        if self.storm is not None:
+            self.n_foreign = int((statistics / "tx_packets").read_text()) - self.n_sent
 
     def counters(self) -> dict[str, int]:
         return read_summary(self.errors.read_text())
@@ -201,6 +216,8 @@ def judge(patient: Patient) -> dict[str, Any]:
     if is_heard and patient.n_sent != c["bus0.frames"] + c["bus0.dropped_by_kernel"] + patient.n_dropped:
         wrong.append(f"{patient.n_sent} frames sent, {c['bus0.frames']} received, {patient.n_dropped} dropped unheard")
     wrong += [f"{name} is 0" for name in facts["counted"] if not c.get(name)]
+    if patient.storm is not None and patient.n_foreign < STORM_MIN:
+        wrong.append(f"only {patient.n_foreign} foreign frames")
     error = sigmas(patient.estimate, json.loads((RUNS / "run/truth.json").read_text()))
     if not error < 3.0:
         wrong.append(f"estimate off by {error:.1f} sigma")
@@ -210,7 +227,8 @@ def judge(patient: Patient) -> dict[str, Any]:
         "sent": patient.n_sent,
         "used": used,
         "lost": lost,
-        "noticed": {name: c[name] for name in facts["counted"] if name not in lost and c.get(name)},
+        "noticed": {name: c[name] for name in facts["counted"] if name not in lost and c.get(name)}
+        | ({"foreign frames kept away": patient.n_foreign} if patient.n_foreign else {}),
         "sigma": round(error, 2),
         "restart_s": patient.restart_s,
         "wrong": wrong,
@@ -288,7 +306,7 @@ def run_together(patients: dict[int, Patient], phase: int) -> float:
         p.process.send_signal(signal.SIGTERM)
     for p in patients.values():
         p.process.wait(PATIENCE)
-        p.note_drops()
+        p.note_statistics()
         in_background(f"ip link del {p.bus}")
     print(f"phase {phase}: {len(patients)} daemons, no frame later than {latest:.2f} s", file=sys.stderr)
     return latest

@@ -181,6 +181,8 @@ SCENARIOS = [
     Scenario("length corrupted", frames=cut, counted=["decode.bad_length"]),
     Scenario("unknown IDs", filter=False, frames=foreign(0x7A0, bytes(8), 250.0), counted=["decode.unknown_id"]),
     Scenario("remote frames", filter=False, frames=foreign(RTR | IMU, b"", 250.0), counted=["decode.remote"]),
+    Scenario("foreign frames, full load", is_alone=True,
+             actions=[(FROM, "unknown storm"), (12.0, "calm"), (12.0, "remote storm"), (UNTIL, "calm")]),
     Scenario("error frames", frames=foreign(ERROR | 0x88, bytes(8), 100.0), counted=["decode.error_frame"]),
     Scenario("bus-off and back", frames=bus_off, counted=["decode.error_frame", "group.imu.lost"]),
     Scenario("interface down, up", actions=[(FROM, "down"), (12.0, "up")], counted=["bus0.went_down"]),
