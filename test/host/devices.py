@@ -5,7 +5,7 @@ Takes what our simulator measures in SI and says what each device would send: it
 here goes through our bindings, scales or packing, so that a run recorded this way tests them.
 
     python test/host/devices.py                     renew the short recordings in test/host/devices/
-    python test/host/devices.py xsens_gsv4 RUN 50 10  simulate 10 s of standing still, 50 Hz, with these devices
+    python test/host/devices.py xsens_gsv4 RUN 50 30  simulate 30 s of turning in one place, 50 Hz, with these devices
 """
 
 import sys
@@ -23,6 +23,7 @@ from inertiad import robot as description
 from inertiad.dbc import Binding
 from inertiad.encode import Frames
 from inertiad.table import Array, Table
+from inertiad.trajectory import Trajectory
 
 TOP = Path(__file__).resolve().parents[2]
 DEVICES = TOP / "firmware/robots/devices"
@@ -122,10 +123,29 @@ def record(name: str, folder: Path, rate: float = 100.0, seed: int = SEED, hold:
     The paper's motion, or hold seconds of standing still.
     """
     file = DEVICES / f"{name}.toml"
-    robot = description.load(file)
-    level = sensors.faults("modern")
     motion = "hold" if hold else "paper"
     path = trajectory.named(motion, "0,0,2,0,0,0", hold)
+    _simulate(name, file, path, motion, folder, rate, seed)
+
+
+def record_turning(name: str, folder: Path, rate: float, duration: float) -> None:
+    """The same, turning about P, which stays at one place: no tracker is needed to know it."""
+    folder.mkdir(parents=True)
+    file, motion = folder / "fixed.toml", folder / "turning.csv"
+    place = [0.0, 0.0, 2.0]
+    file.write_text(f'base = "{DEVICES / name}.toml"\n[position]\nsource = "fixed"\nfixed = {place}\n')
+    t = np.arange(0.0, duration + 0.01, 0.02)
+    ramp = np.minimum(1.0, 0.5 * np.minimum(t, duration - t)) ** 2
+    turns = [
+        a * ramp * np.sin(2.0 * np.pi * f * t + f) for a, f in zip((0.12, 0.12, 0.2), (0.31, 0.37, 0.43), strict=True)
+    ]
+    rows = np.column_stack([t, *(np.full_like(t, x) for x in place), *turns])
+    np.savetxt(motion, rows, "%.9f", ",", header="t,x,y,z,roll,pitch,yaw", comments="")
+    _simulate(name, file, trajectory.read(motion), str(motion), folder, rate, SEED)
+
+
+def _simulate(name: str, file: Path, path: Trajectory, motion: str, folder: Path, rate: float, seed: int) -> None:
+    robot, level = description.load(file), sensors.faults("modern")
     body = simulate.body_of(robot, file, None, None)
     run = simulate.Run(file, robot, body, path, motion, level, "modern", rate, seed)
 
@@ -146,7 +166,7 @@ def recordings(folder: Path) -> Iterator[tuple[str, str]]:
 
 if __name__ == "__main__":
     if len(sys.argv) == 5:
-        record(sys.argv[1], Path(sys.argv[2]), float(sys.argv[3]), hold=float(sys.argv[4]))
+        record_turning(sys.argv[1], Path(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
     else:
         import tempfile
 
