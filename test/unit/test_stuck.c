@@ -88,6 +88,23 @@ static void test_push_vibration_at_rest_does_not_make_coarse_signals_stuck(void)
     assert_refused(0, 0, IPE_SENSOR_COUNT);  // then
 }
 
+static void test_push_rest_after_braking_is_not_stuck_while_the_mean_catches_up(void)
+{
+    for (int k = 0; k < 1000; ++k) {  // given: no noise; 3 s of motion, 0.3 s of braking, then nothing changes by a bit
+        const double t = 0.01 * k, braking = t >= 3.0 && t < 3.3 ? 2.0 : 0.0;
+        const double motion = t < 3.0 ? 0.1 * sin(2.0 * t) : braking;
+        const double level = t < 3.3 ? 1e-3 * t : 0.0;
+        double imu[10] = {0.5 * motion, 0.0, 9.81 + motion, level, 0.0, 0.0, 1.0, level, 0.0, 0.0};
+        double f[IPE_CABLES_MAX];
+        for (int i = 0; i < 8; ++i) { f[i] = 400.0 + 40.0 * motion + level; }
+        const double position[3] = {level, 2.0 * level, 1.0};
+        (void)ipe_stuck_push(&stuck, IPE_IMU, k * 10 * MS, imu);  // when
+        (void)ipe_stuck_push(&stuck, IPE_FORCE, k * 10 * MS, f);
+        (void)ipe_stuck_push(&stuck, IPE_POSITION, k * 10 * MS, position);
+    }
+    assert_refused(0, 0, IPE_SENSOR_COUNT);  // then
+}
+
 static void test_push_one_stuck_force_is_refused_until_it_moves_again(void)
 {
     feed((still_t){.force_3 = true, .is_noisy = true}, 1.0);  // given: 300 samples, when
@@ -123,6 +140,7 @@ int main(void)
     RUN_TEST(test_push_moving_sensors_are_not_stuck);
     RUN_TEST(test_push_all_at_rest_without_noise_is_not_stuck);
     RUN_TEST(test_push_vibration_at_rest_does_not_make_coarse_signals_stuck);
+    RUN_TEST(test_push_rest_after_braking_is_not_stuck_while_the_mean_catches_up);
     RUN_TEST(test_push_one_stuck_force_is_refused_until_it_moves_again);
     RUN_TEST(test_push_stuck_position_is_refused);
     RUN_TEST(test_push_stuck_imu_is_refused);
