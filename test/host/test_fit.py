@@ -16,6 +16,7 @@ from inertiad import diagnose, fit, runs, sources, tracker_csv
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.estimate import read
+from inertiad.robot import read_data, to_toml
 from inertiad.runs import Recording
 from inertiad.table import Table
 
@@ -158,6 +159,32 @@ def test_without_an_attitude_that_of_the_trackers_poses_serves(tmp_path: Path) -
     assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
 
 
+def _at_angles(rows: object, yaw: float, bias: np.ndarray, delay: float) -> np.ndarray:
+    """Columns of a run: attitude off by a yaw and a bias [3] (rad), positions late by a delay (s)."""
+    q = Rotation.from_euler("z", -yaw) * Rotation.from_quat(rows.q, scalar_first=True) * Rotation.from_rotvec(-bias)
+    late = np.array([np.interp(rows.t - delay, rows.t, x) for x in rows.position.T]).T
+    return np.hstack([rows.t[:, None], q.as_quat(scalar_first=True), late, rows.f])
+
+
+def test_derived_motion_takes_part_in_what_its_sources_do_wrong(tmp_path: Path) -> None:
+    """The attitude's errors and the tracker's delay are found from the specific force that was derived with them."""
+    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    yaw, bias, delay = 0.05, np.array([0.02, -0.01, 0.015]), 0.02
+    header = "t,q_w,q_x,q_y,q_z,pos_x,pos_y,pos_z," + ",".join(f"f_{i + 1}" for i in range(8))
+    file = tmp_path / "signals.csv"
+    np.savetxt(file, _at_angles(ideal.rows, yaw, bias, delay), delimiter=",", header=header, comments="", fmt="%.12g")
+    run = runs.read(file, scenes.COGIRO)
+    known = {"force_gain": 1e-6, "force_offset": 1e-3, "imu_alignment": 1e-9, "geometry": 0.0, "attitude_wander": 1e-6}
+    wide = {"attitude": 0.05, "world_yaw": 0.1, "position_delay": 0.05, **known}
+    robot = run.robot.model_copy(update={"std": run.robot.std.model_copy(update=wide)})
+    estimate = fit.joint(runs.config_of(robot, ""), [run])
+    assert estimate.xi is not None
+    np.testing.assert_allclose(estimate.xi[:3], bias, atol=5e-4)
+    np.testing.assert_allclose(estimate.xi[[3, 10]], [yaw, delay], atol=5e-4)
+    error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
+    assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+
+
 def test_trackers_poses_are_turned_into_the_imus_axes_and_time() -> None:
     robot = description.load(scenes.COGIRO)
     mount, late = Rotation.from_euler("z", 0.7), 0.02
@@ -187,6 +214,31 @@ def test_poses_of_another_time_leave_nothing(tmp_path: Path) -> None:
         runs.read(file, scenes.COGIRO)
 
 
+@pytest.mark.parametrize("columns", [["gyro", "q", "pos", "f"], ["acc", "q", "pos", "f"], ["q", "pos", "f"]])
+def test_noise_of_derived_motion_does_not_wear_the_body_down(tmp_path: Path, columns: list[str]) -> None:
+    modern = runs.read(scenes.run(1000, "modern", 50.0, "paper"))
+    run = runs.read(_csv(tmp_path / "signals.csv", modern, columns), modern.path / "robot.toml")
+    body = fit.joint(runs.config_of(run.robot, ""), [run]).body
+    error = np.abs(np.array(body.value) - scenes.truth(modern.path))
+    assert (error < 3.0 * np.array(body.std)).all()
+
+
+def test_derived_motion_is_what_calibrated_sensors_would_have_measured(recording: Recording, tmp_path: Path) -> None:
+    """A calibration of the IMU changes rows of which IMU and rate are derived so that the motion in them stays."""
+    told = {"acc_bias": [0.3, -0.2, 0.1], "gyro_bias": [0.02, 0.01, -0.03], "imu_alignment": [0.1, 0.05, -0.1]}
+    file = _csv(tmp_path / "signals.csv", recording, ["q", "pos", "f"])
+    robot_file, rows, windows = tmp_path / "robot.toml", [], []
+    for calibration in ({}, told):
+        robot_file.write_text(to_toml({**read_data(scenes.COGIRO), "calibration": calibration}), encoding="utf-8")
+        run = runs.read(file, robot_file)
+        rows.append(run.rows)
+        windows.append(inertiad_core.Windows(runs.config_of(run.robot, ""), run.rows))
+    turn = Rotation.from_rotvec(told["imu_alignment"]).as_matrix()
+    s = [w.Y[:, :3, 0] for w in windows]
+    np.testing.assert_allclose(s[1], s[0] @ turn.T, atol=1e-9)
+    np.testing.assert_allclose(rows[1].gyro, rows[0].gyro + told["gyro_bias"], atol=1e-9)
+
+
 def test_poses_at_rest_give_mass_and_cog_and_no_inertia(tmp_path: Path) -> None:
     ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
     file = _static_poses(tmp_path / "poses.csv", ideal)
@@ -201,8 +253,6 @@ def test_poses_at_rest_give_mass_and_cog_and_no_inertia(tmp_path: Path) -> None:
 
 def _static_poses(path: Path, recording: Recording) -> Path:
     """20 poses of the motion with the tensions that hold them still."""
-    from scipy.spatial.transform import Rotation
-
     from inertiad import compile, sensors, simulate
     from inertiad import robot as description
     from inertiad.trajectory import Motion

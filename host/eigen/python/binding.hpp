@@ -4,6 +4,7 @@
 
 #include <inertiad/body.hpp>
 #include <inertiad/config.hpp>
+#include <inertiad/derived.hpp>
 #include <inertiad/pipeline.hpp>
 
 #include <nanobind/eigen/dense.h>
@@ -74,6 +75,7 @@ inline nb::dict body_dict(const ipe_body_t& b)
 struct Rows {
     std::vector<ipe_row_t> row;
     int n_cables = 0;
+    inertiad::Derived derived;
 };
 
 /// A pipeline with its own state, on the heap of the host.

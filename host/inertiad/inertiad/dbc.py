@@ -244,7 +244,8 @@ def bind(robot: Robot, source: str) -> list[Binding]:
         raise InputError(f"{source}: {error}") from None
     for name in required(robot):
         if name not in signals:
-            raise InputError(f'{source}: signals.{name}: missing: allowed: {name} = "MESSAGE.signal"')
+            derived = "; only inertiactl fit SIGNALS.csv does without" if name in quantity.ACC + quantity.GYRO else ""
+            raise InputError(f'{source}: signals.{name}: missing: allowed: {name} = "MESSAGE.signal"{derived}')
     if len(bindings) > 64:
         raise InputError(f"{source}: {len(bindings)} bindings in [signals]: allowed: up to 64")
     return bindings

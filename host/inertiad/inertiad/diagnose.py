@@ -70,7 +70,7 @@ def _rows(rows: Any, n: int, f: Array, acc: Array | None = None, position: Array
     acc = rows.acc[:n] if acc is None else acc
     position = rows.position[:n] if position is None else position
     arrays = [np.ascontiguousarray(a) for a in (acc, rows.gyro[:n], rows.q[:n], position, f)]
-    return inertiad_core.Rows(t_ns, *arrays)
+    return inertiad_core.Rows(t_ns, *arrays, rows.derives_force, rows.derives_rate)
 
 
 def residual(config: Any, size: float, rows: list[Any]) -> float:

@@ -233,8 +233,7 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     """Predict a run's measured wrench with the estimate's body and calibration."""
     rows = run.rows
     if estimate.xi is not None:
-        m = run.robot.n_cables
-        rows = inertiad_core.undelayed(rows, estimate.xi[10], estimate.xi[14 + 2 * m])
+        rows = inertiad_core.corrected_rows(config, rows, estimate.xi)
         config = inertiad_core.calibrated(config, estimate.xi)
     windows = inertiad_core.Windows(config, rows)
     if len(windows.y) == 0:

@@ -167,23 +167,24 @@ def _read_signals(file: Path, robot: Robot) -> Recording:
             wanted = "roll,pitch,yaw or q_w,q_x,q_y,q_z" if name == quantity.QUATERNION[0] else name
             raise InputError(f"{file}: line 1: no column {wanted}")
     positions = _positions(signals, file, robot)
-    robot, signals, positions, notes = sources.completed(robot, signals, positions)
-    rows = _aligned(robot, signals, positions, str(file))
-    return Recording(file, robot, rows, 0, len(signals.t) - len(rows), {}, borrowed + notes)
+    whole = sources.completed(robot, signals, positions)
+    rows = _aligned(whole, str(file))
+    return Recording(file, whole.robot, rows, 0, len(whole.signals.t) - len(rows), {}, borrowed + whole.notes)
 
 
 def _nanoseconds(t: Array) -> Any:
     return np.rint(1e9 * t).astype(np.int64)
 
 
-def _aligned(robot: Robot, signals: Table, positions: Table, source: str) -> Any:
-    imu = signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
-    f = signals.stack(*quantity.forces(robot.n_cables))
-    xyz = positions.stack("x", "y", "z")
-    config = config_of(robot, source)
-    t_imu, t_xyz = _nanoseconds(signals.t), _nanoseconds(positions.t)
+def _aligned(whole: sources.Completed, source: str) -> Any:
+    imu = whole.signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
+    f = whole.signals.stack(*quantity.forces(whole.robot.n_cables))
+    xyz = whole.positions.stack("x", "y", "z")
+    config = config_of(whole.robot, source)
+    t_imu, t_xyz = _nanoseconds(whole.signals.t), _nanoseconds(whole.positions.t)
     contiguous = [np.ascontiguousarray(a) for a in (imu, f, xyz)]
-    return inertiad_core.align_signals(config, t_imu, contiguous[0], contiguous[1], t_xyz, contiguous[2])
+    derived = {"derives_force": whole.derives_force, "derives_rate": whole.derives_rate}
+    return inertiad_core.align_signals(config, t_imu, contiguous[0], contiguous[1], t_xyz, contiguous[2], **derived)
 
 
 def read(path: Path, robot_file: Path | None = None) -> Recording:

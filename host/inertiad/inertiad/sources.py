@@ -6,7 +6,12 @@ quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2, which is th
 singularity. Specific force from positions: the IMU point's path is fitted by such a spline x(t), and
 s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it gives is averaged over windows
 afterwards, so noise in x enters as integral(phi'' x) would. Poses at rest, seconds apart, become one window each.
+
+What is derived is as wrong as the attitude and the positions it comes from; rows that hold it say so, and the batch
+solver treats it so (derived.hpp).
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +28,21 @@ POSE_SAMPLES = 9
 """rows that stand for one pose at rest: exactly one window"""
 POSE_GAP = 10.0
 """s between them"""
+
+
+@dataclass(frozen=True)
+class Completed:
+    """Signals with every column that rows need."""
+
+    robot: Robot
+    signals: Table
+    positions: Table
+    derives_force: bool = False
+    """acc comes from positions and attitude"""
+    derives_rate: bool = False
+    """gyro comes from attitude"""
+    notes: tuple[str, ...] = ()
+    """what was done, in words"""
 
 
 def spline(t: Array, x: Array, knot_distance: float) -> BSpline:
@@ -47,6 +67,28 @@ def rate_from_attitude(t: Array, q: Array, knot_distance: float) -> Array:
     return 2.0 * vector / np.sum(a * a, axis=1, keepdims=True)
 
 
+@dataclass(frozen=True)
+class _Axes:
+    """How I axes, P axes and W lie to each other by the calibration; wrench.h has the equations."""
+
+    R_PI: Rotation
+    attitude: Rotation
+    """P axes to those that q turns"""
+    yaw: Rotation
+
+    def to_world(self, q: Array) -> Rotation:
+        """P to W at quaternions w x y z [N, 4]."""
+        return self.yaw * Rotation.from_quat(q, scalar_first=True) * self.attitude
+
+
+def _axes(robot: Robot) -> _Axes:
+    calibration = robot.calibration
+    mounting = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
+    R_PI = Rotation.from_rotvec(calibration.imu_alignment) * mounting
+    yaw = Rotation.from_euler("z", calibration.world_yaw)
+    return _Axes(R_PI, R_PI.inv() * Rotation.from_rotvec(calibration.attitude_bias), yaw)
+
+
 def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Quaternions I to W [K, 4] at those of the times t [N] that lie between two poses of a tracker; which these are.
 
@@ -59,66 +101,79 @@ def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, 
     near = np.diff(tracker.t)[after - 1] <= robot.align.max_age_position
     chosen = near & (at >= tracker.t[0]) & (at <= tracker.t[-1])
     body = Slerp(tracker.t, Rotation.from_quat(tracker.stack(*quantity.QUATERNION), scalar_first=True))
-    mounted = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
-    turned = body(at[chosen]) * Rotation.from_rotvec(robot.calibration.imu_alignment) * mounted
+    turned = body(at[chosen]) * _axes(robot).R_PI
     return turned.as_quat(scalar_first=True), chosen
 
 
 def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Array]:
     """Times [K] s and positions [K, 3] of the IMU point in W, at the tracker's samples within the signals' time."""
-    inside = (positions.t >= signals.t[0]) & (positions.t <= signals.t[-1])
-    t, x = positions.t[inside], positions.stack("x", "y", "z")[inside]
-    R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
-    q = Rotation.from_quat(signals.stack(*quantity.QUATERNION), scalar_first=True)
+    align, calibration = robot.align, robot.calibration
+    t = positions.t - align.delay_position - calibration.position_delay + align.delay_imu
+    inside = (t >= signals.t[0]) & (t <= signals.t[-1])
+    t, x = t[inside], positions.stack("x", "y", "z")[inside]
+    R = Slerp(signals.t, _axes(robot).to_world(signals.stack(*quantity.QUATERNION)))
     lever = np.array(robot.imu.position) - np.array(robot.tracker.target)
-    return t, x + (Slerp(signals.t, q)(t) * R_PI.inv()).apply(lever)
+    return t, x + R(t).apply(lever)
 
 
 def force_from_positions(robot: Robot, signals: Table, positions: Table, knot_distance: float) -> Array:
-    """Specific force at the IMU point, I axes, m/s2 [N, 3], at the signals' times."""
+    """What an accelerometer would have measured at the signals' times, I axes, m/s2 [N, 3]."""
     t, x = _imu_path(robot, signals, positions)
-    at = np.clip(signals.t, t[0], t[-1])
-    acceleration = spline(t, x, knot_distance)(at, 2) + np.array([0.0, 0.0, robot.gravity])
-    q = Rotation.from_quat(signals.stack(*quantity.QUATERNION), scalar_first=True)
-    return q.inv().apply(acceleration)
+    at, axes = np.clip(signals.t, t[0], t[-1]), _axes(robot)
+    s = spline(t, x, knot_distance)(at, 2) + np.array([0.0, 0.0, robot.gravity])
+    R_WI = axes.to_world(signals.stack(*quantity.QUATERNION)) * axes.R_PI
+    return R_WI.inv().apply(s) + np.array(robot.calibration.acc_bias)
 
 
-def _poses(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Table, Table]:
+def _gyro_from_attitude(robot: Robot, signals: Table, knot_distance: float) -> Array:
+    """What a gyro would have measured at the signals' times, I axes, rad/s [N, 3]."""
+    axes = _axes(robot)
+    rate = rate_from_attitude(signals.t, signals.stack(*quantity.QUATERNION), knot_distance)
+    return (axes.attitude * axes.R_PI).inv().apply(rate) + np.array(robot.calibration.gyro_bias)
+
+
+def _poses(robot: Robot, signals: Table, positions: Table) -> Completed:
     """Each row as one window at rest."""
     dt = robot.estimator.window_length / (POSE_SAMPLES - 1)
     start = POSE_GAP * np.arange(1, len(signals.t) + 1)
     t = (start[:, None] + dt * np.arange(POSE_SAMPLES)).ravel()
-    q = Rotation.from_quat(signals.stack(*quantity.QUATERNION), scalar_first=True)
-    still = q.inv().apply([0.0, 0.0, robot.gravity])
-    acc = signals.stack(*quantity.ACC) if quantity.ACC[0] in signals.columns else still
+    derives_force = quantity.ACC[0] not in signals.columns
+    if derives_force:
+        axes = _axes(robot)
+        R_WI = axes.to_world(signals.stack(*quantity.QUATERNION)) * axes.R_PI
+        acc = R_WI.inv().apply([0.0, 0.0, robot.gravity]) + np.array(robot.calibration.acc_bias)
+    else:
+        acc = signals.stack(*quantity.ACC)
     columns = dict(zip(quantity.ACC, acc.T, strict=True)) | {name: np.zeros(len(start)) for name in quantity.GYRO}
     kept = {**signals.columns, **columns}
     nearest = np.abs(positions.t[:, None] - signals.t).argmin(axis=0)
     xyz = {a: positions.columns[a][nearest] for a in ("x", "y", "z")}
     robot = robot.model_copy(update={"imu": robot.imu.model_copy(update={"rate": 1.0 / dt})})
     repeated = Table(t, {name: np.repeat(v, POSE_SAMPLES) for name, v in kept.items()}, signals.source)
-    return robot, repeated, Table(t, {a: np.repeat(v, POSE_SAMPLES) for a, v in xyz.items()}, positions.source)
+    held = Table(t, {a: np.repeat(v, POSE_SAMPLES) for a, v in xyz.items()}, positions.source)
+    note = f"{len(signals.t)} poses at rest: no inertia in them"
+    return Completed(robot, repeated, held, derives_force, False, (note,))
 
 
-def completed(robot: Robot, signals: Table, positions: Table) -> tuple[Robot, Table, Table, tuple[str, ...]]:
-    """Signals with every column the rows need, and what was done, in words.
+def completed(robot: Robot, signals: Table, positions: Table) -> Completed:
+    """Signals with every column the rows need. Samples further apart than a window are taken as poses at rest.
 
-    Samples further apart than a window are taken as poses at rest. Specific force derived from positions cannot carry
-    them through gaps.
+    Specific force derived from positions cannot carry them through gaps.
     """
     if len(signals.t) < 2 or float(np.median(np.diff(signals.t))) > robot.estimator.window_length:
-        robot, signals, positions = _poses(robot, signals, positions)
-        return robot, signals, positions, (f"{len(signals.t) // POSE_SAMPLES} poses at rest: no inertia in them",)
+        return _poses(robot, signals, positions)
     notes: list[str] = []
     distance = robot.estimator.window_length / KNOTS_PER_WINDOW
     columns = dict(signals.columns)
-    if quantity.GYRO[0] not in columns:
-        rate = rate_from_attitude(signals.t, signals.stack(*quantity.QUATERNION), distance)
+    derives_rate, derives_force = quantity.GYRO[0] not in columns, quantity.ACC[0] not in columns
+    if derives_rate:
+        rate = _gyro_from_attitude(robot, signals, distance)
         columns |= dict(zip(quantity.GYRO, rate.T, strict=True))
         notes.append("rate derived from attitude")
-    if quantity.ACC[0] not in columns:
+    if derives_force:
         s = force_from_positions(robot, signals, positions, distance)
         columns |= dict(zip(quantity.ACC, s.T, strict=True))
         robot = robot.model_copy(update={"align": robot.align.model_copy(update={"max_carry": 0.0})})
         notes.append("specific force derived from positions")
-    return robot, Table(signals.t, columns, signals.source), positions, tuple(notes)
+    whole = Table(signals.t, columns, signals.source)
+    return Completed(robot, whole, positions, derives_force, derives_rate, tuple(notes))

@@ -6,7 +6,7 @@
 /// takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that leave no
 /// residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and the body
 /// with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). Steps are solved by QR of
-/// the whitened, prior-scaled rows. V_run, the residuals' long-run covariance (Newey, West 1987; noise.h has the idea), is
+/// the whitened, prior-scaled rows. What of the motion was derived instead of measured is smoothed for Y, X (derived.hpp). V_run, the residuals' long-run covariance (Newey, West 1987; noise.h has the idea), is
 /// renewed during the first steps.
 /// As soon as xi is estimated two more errors are modelled: where the attachments really are, known to std_geometry, is
 /// unknown too, else a millimetre of it would pass for newtons of offset; and the attitude wanders about its bias, see
@@ -17,6 +17,7 @@
 
 #include "body.hpp"
 #include "calibrated.hpp"
+#include "derived.hpp"
 #include "windows.hpp"
 
 extern "C" {
@@ -38,6 +39,7 @@ namespace inertiad {
 struct BatchRun {
     const std::vector<ipe_row_t>* rows;
     int group;
+    Derived derived;
 };
 
 struct BatchSettings {
@@ -126,19 +128,10 @@ inline void gate_rest(const Config& config, Linearised& run)
     }
 }
 
-inline Linearised linearise(const Config& config, const std::vector<ipe_row_t>& rows, const Eigen::VectorXd& xi)
+inline Linearised linearise(const Config& config, const Config& corrected, const BatchRun& run,
+                            const Eigen::VectorXd& xi)
 {
-    const int m = config.n_cables();
-    const Config corrected = calibrated(config, xi);
-    const double force_delay = xi[IPE_XI_FORCE + 2 * m + 3];
-    return {windows_of(corrected, undelayed(rows, m, xi[IPE_XI_POSITION_DELAY], force_delay)), {}};
-}
-
-/// True where window k follows window k - lag without a gap.
-inline bool follows(const std::vector<ipe_average_t>& window, std::size_t k, std::size_t lag)
-{
-    const double hop = 0.25 * window[k].length;
-    return 1e-9 * static_cast<double>(window[k].t_ns - window[k - lag].t_ns) < (static_cast<double>(lag) + 0.5) * hop;
+    return {windows_of(corrected, corrected_rows(config, corrected, xi, *run.rows, run.derived)), {}};
 }
 
 /// Long-run second moment of a series of vectors, Bartlett weights, products across gaps left out; a sum over windows.
@@ -197,10 +190,10 @@ inline Eigen::MatrixXd geometry_columns(const Eigen::MatrixXd& W, const ipe_aver
     return G;
 }
 
-/// The window with the tensions nearest to the measured ones that leave no residual [6].
-inline ipe_average_t explained(const Eigen::MatrixXd& W, const Column6& residual, ipe_average_t a)
+/// The tensions nearest to a window's that pull as its residual [6] says they should.
+inline SmoothWindow reproducing(const Eigen::MatrixXd& W, const Column6& residual, SmoothWindow a)
 {
-    Eigen::Map<Eigen::VectorXd>(a.f, W.cols()) -= W.completeOrthogonalDecomposition().solve(residual);
+    Eigen::Map<Eigen::VectorXd>(a.average.f, W.cols()) -= W.completeOrthogonalDecomposition().solve(residual);
     return a;
 }
 
@@ -332,25 +325,31 @@ struct Problem {
     }
 
     /// Rows [A, b] of a run as measured, and what wander does to each window's.
-    Equations equations(const Linearised& run, int group, const Config& corrected) const
+    Equations equations(const Linearised& run, const BatchRun& of, const Config& corrected) const
     {
         Equations found;
-        const Theta& x = theta[static_cast<std::size_t>(group)];
+        const Theta& x = theta[static_cast<std::size_t>(of.group)];
         found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
+        const std::vector<SmoothWindow> smooth = smoothed(of.derived, run.window);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             const ipe_average_t& a = run.window[k];
             auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Regressor Y = regressor(a);
-            block.middleCols<IPE_NP>(IPE_NP * group) = Y;
-            block.col(n) = Eigen::Map<const Vector6>(a.y) - Y * x;
+            Column6 y = Eigen::Map<const Vector6>(a.y);
             found.turn.push_back(Eigen::Matrix<double, 6, 3>::Zero());
-            if (free.empty()) { continue; }
+            if (free.empty()) {
+                block.middleCols<IPE_NP>(IPE_NP * of.group) = regressor(a);
+                block.col(n) = y - regressor(a) * x;
+                continue;
+            }
             const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
-            if (n_geometry > 0) { block.col(n) += geometry_columns(W, a) * geometry; }
-            const ipe_average_t noiseless = explained(W, block.col(n), a);
-            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, noiseless); }
-            const SystematicColumns X = systematic_columns(corrected, noiseless, x);
+            if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
+            block.col(n) = y - regressor(a) * x;
+            const Regressor Y = regressor(smooth[k].average);
+            block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
+            const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
+            const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
             found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
             for (std::size_t i = 0; i < free.size(); ++i) {
                 block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
             }
@@ -467,10 +466,10 @@ struct Problem {
         const std::vector<BatchFit> before = std::exchange(fit, {});
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
-            Linearised run = linearise(config, *runs[r].rows, xi);
+            Linearised run = linearise(config, corrected, runs[r], xi);
             const Eigen::MatrixXd gyro = gyro_rows(run.window);
             gate_rest(config, run);
-            const Equations measured = equations(run, runs[r].group, corrected);
+            const Equations measured = equations(run, runs[r], corrected);
             if (is_weight_renewed) {
                 V[r] = (1.0 + n_told / n_independent(before)) * learnt_covariance(run, measured, V[r]);
             }

@@ -93,10 +93,10 @@ inline bool locate(const std::vector<ipe_row_t>& rows, std::size_t k, double del
 
 }  // namespace detail
 
-/// Rows with position and forces as they would be, had they come delay seconds earlier. Rows at the ends and at gaps, where
-/// nothing lies on both sides, are dropped.
+/// Rows with position and forces as they would be, had they come delay seconds earlier; what stands in acc with the position,
+/// if it was derived from that. Rows at the ends and at gaps, where nothing lies on both sides, are dropped.
 inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int n_cables, double position_delay,
-                                        double force_delay)
+                                        double force_delay, bool is_acc_moved = false)
 {
     if (position_delay == 0.0 && force_delay == 0.0) { return rows; }
     std::vector<ipe_row_t> moved;
@@ -116,6 +116,9 @@ inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int 
         ipe_row_t row = rows[k];
         for (int i = 0; i < 3; ++i) {
             row.position[i] = at(p, p_share, [i](const ipe_row_t& r) { return r.position[i]; });
+            if (is_acc_moved) {
+                row.acc[i] = at(p, p_share, [i](const ipe_row_t& r) { return r.acc[i]; });
+            }
         }
         for (int i = 0; i < n_cables; ++i) {
             row.f[i] = at(f, f_share, [i](const ipe_row_t& r) { return r.f[i]; });

@@ -87,7 +87,7 @@ std::unique_ptr<OwnedPipeline> read_run(const inertiad::Config& config, const st
 
 Rows rows_of(const OwnedPipeline& pipeline)
 {
-    return {pipeline.rows, pipeline.state->config.n_cables};
+    return {pipeline.rows, pipeline.state->config.n_cables, {}};
 }
 
 /// Next row that is ready, until there is none.
@@ -99,7 +99,7 @@ void pop_all(ipe_align_t& align, std::vector<ipe_row_t>& rows)
 
 /// Signals and positions aligned as on the platform.
 Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Table& imu, const Table& f,
-                   const Times& position_t_ns, const Table& position)
+                   const Times& position_t_ns, const Table& position, bool derives_force, bool derives_rate)
 {
     ipe_config_t c = config.c();
     c.attitude_source = IPE_ATTITUDE_QUATERNION;
@@ -108,7 +108,7 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
     require_columns(position, 3, "position");
     auto align = std::make_unique<ipe_align_t>();
     ipe_align_init(align.get(), &c);
-    Rows rows{{}, c.n_cables};
+    Rows rows{{}, c.n_cables, {derives_force, derives_rate}};
     rows.row.reserve(t_ns.shape(0));
     std::size_t j = 0;
     const auto push_positions = [&](int64_t until) {
@@ -183,7 +183,7 @@ nb::ndarray<nb::numpy, double> times(const Rows& rows)
 }
 
 Rows make_rows(const Times& t_ns, const Table& acc, const Table& gyro, const Table& q, const Table& position,
-               const Table& f)
+               const Table& f, bool derives_force, bool derives_rate)
 {
     require_columns(acc, 3, "acc");
     require_columns(gyro, 3, "gyro");
@@ -194,7 +194,7 @@ Rows make_rows(const Times& t_ns, const Table& acc, const Table& gyro, const Tab
     for (const Table* table : {&acc, &gyro, &q, &position, &f}) {
         if (table->shape(0) != n) { throw std::invalid_argument("all arguments need as many rows as t_ns"); }
     }
-    Rows rows{std::vector<ipe_row_t>(n), static_cast<int>(m)};
+    Rows rows{std::vector<ipe_row_t>(n), static_cast<int>(m), {derives_force, derives_rate}};
     for (std::size_t k = 0; k < n; ++k) {
         ipe_row_t& row = rows.row[k];
         row.t_ns = t_ns.data()[k];
@@ -236,7 +236,7 @@ nb::dict solve(const inertiad::Config& config, const std::vector<const Rows*>& r
         if (group[i] < 0 || group[i] >= static_cast<int>(payload.size())) {
             throw std::invalid_argument("group: out of range");
         }
-        batch.push_back({&runs[i]->row, group[i]});
+        batch.push_back({&runs[i]->row, group[i], runs[i]->derived});
     }
     inertiad::BatchSettings settings;
     settings.payload = payload, settings.is_payload_known = is_payload_known, settings.payload_std = payload_std;
@@ -262,8 +262,11 @@ void bind_batch(nb::module_& m)
         .def(
             "__init__",
             [](Rows* self, const Times& t_ns, const Table& acc, const Table& gyro, const Table& q,
-               const Table& position, const Table& f) { new (self) Rows(make_rows(t_ns, acc, gyro, q, position, f)); },
-            "t_ns"_a, "acc"_a, "gyro"_a, "q"_a, "position"_a, "f"_a)
+               const Table& position, const Table& f, bool derives_force, bool derives_rate) {
+                new (self) Rows(make_rows(t_ns, acc, gyro, q, position, f, derives_force, derives_rate));
+            },
+            "t_ns"_a, "acc"_a, "gyro"_a, "q"_a, "position"_a, "f"_a, "derives_force"_a = false,
+            "derives_rate"_a = false)
         .def("__len__", [](const Rows& r) { return r.row.size(); })
         .def_prop_ro("t", &times, nb::rv_policy::move, "[N] s")
         .def_prop_ro(
@@ -283,7 +286,11 @@ void bind_batch(nb::module_& m)
             [](const Rows& r) {
                 return column(r, static_cast<std::size_t>(r.n_cables), [](const ipe_row_t& x) { return x.f; });
             },
-            nb::rv_policy::move, "[N,m] N");
+            nb::rv_policy::move, "[N,m] N")
+        .def_prop_ro(
+            "derives_force", [](const Rows& r) { return r.derived.force; },
+            "True: acc comes from positions and attitude, derived.hpp")
+        .def_prop_ro("derives_rate", [](const Rows& r) { return r.derived.rate; }, "True: gyro comes from attitude");
 
     m.def(
         "read_run", &read_run, "config"_a, "logs"_a, "interfaces"_a, "tracker"_a,
@@ -292,6 +299,7 @@ void bind_batch(nb::module_& m)
     m.def("rows_of", &rows_of, "pipeline"_a, "The rows a Pipeline kept.");
     m.def(
         "align_signals", &align_signals, "config"_a, "t_ns"_a, "imu"_a, "f"_a, "position_t_ns"_a, "position"_a,
+        "derives_force"_a = false, "derives_rate"_a = false,
         "Rows of imu [N,10] (acc, gyro, q w x y z), f [N,m] at t_ns [N] and position [K,3] at position_t_ns [K]. align.h");
     m.def(
         "track", &track, "config"_a, "rows"_a,
@@ -300,10 +308,18 @@ void bind_batch(nb::module_& m)
     m.def(
         "undelayed",
         [](const Rows& r, double position, double force) {
-            return Rows{inertiad::undelayed(r.row, r.n_cables, position, force), r.n_cables};
+            return Rows{inertiad::undelayed(r.row, r.n_cables, position, force), r.n_cables, r.derived};
         },
         "rows"_a, "position_delay"_a, "force_delay"_a,
         "Rows as if position and forces had come that much [s] earlier.");
+    m.def(
+        "corrected_rows",
+        [](const inertiad::Config& config, const Rows& r, const Eigen::VectorXd& xi) {
+            const inertiad::Config corrected = inertiad::calibrated(config, xi);
+            return Rows{inertiad::corrected_rows(config, corrected, xi, r.row, r.derived), r.n_cables, r.derived};
+        },
+        "config"_a, "rows"_a, "xi"_a,
+        "Rows for the configuration with corrections xi [15+2m]: delays taken out, derived motion as attitude has it.");
     m.def("calibrated", &inertiad::calibrated, "config"_a, "xi"_a, "The configuration with corrections xi [15+2m].");
     m.def(
         "batch", &solve, "config"_a, "runs"_a, "group"_a, "payload"_a, "is_payload_known"_a = false,
