@@ -280,6 +280,7 @@ static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* averag
     if (verdict == IPE_DETECT_HOLD) { return IPE_NOT_READY; }
     if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
     if (n_rest == 0) { forget(p, 0.25 * average->length); }
+    ipe_states_quiet_gains(&p->config, average->f, innovation, S, p->noise.L, H);
     status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
     ipe_attenuation_add(&p->attenuation, average, ipe_noise_level(&p->noise));

@@ -105,6 +105,20 @@ static inline bool cholesky(double* A, size_t n)
     return true;
 }
 
+/// x = A^-1 b, given A's lower Cholesky factor L (n x n, row-major). x may be b.
+static inline void cholesky_solve(const double* L, size_t n, const double* b, double* x)
+{
+    for (size_t i = 0; i < n; ++i) {
+        double sum = b[i];
+        for (size_t k = 0; k < i; ++k) { sum -= L[i * n + k] * x[k]; }
+        x[i] = sum / L[i * n + i];
+    }
+    for (size_t i = n; i-- > 0;) {
+        for (size_t k = i + 1; k < n; ++k) { x[i] -= L[k * n + i] * x[k]; }
+        x[i] /= L[i * n + i];
+    }
+}
+
 /// Eigenvalues, on A's diagonal, and eigenvectors, V's columns, of the symmetric n x n matrix A (row-major), by cyclic
 /// Jacobi rotations until nothing is left beside the diagonal. A is spoiled.
 static inline void symmetric_eigen(double* A, double* V, size_t n)

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define SMALLEST_STD 1e-12  // of what is declared perfect: the factored filter needs D > 0
+#define RIDGE 1e-9          // of the wrench matrix squared: with fewer cables than six it is singular
 #define LONGEST_FADE 5.0    // correlation times: more is forgotten anyway
 
 enum { PATTERN_STATES = 3 * IPE_PATTERNS, WANDER_STATES = 3 };
@@ -128,6 +129,48 @@ void ipe_states_rows(ipe_states_t* s, const ipe_config_t* config, const double Y
     cable_forces(config, X, F);
     if (s->t_ns == 0) { choose_patterns(s, F, m); }
     pattern_columns(s, F, m, pattern_at(m), n, H);
+}
+
+/// The part of the innovation that is noise: V (S + V)^-1 innovation, V = L L^T. False if S + V is not positive definite.
+static bool noise_part(const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY],
+                       double noise[IPE_NY])
+{
+    double V[IPE_NY][IPE_NY] = {{0.0}}, A[IPE_NY][IPE_NY], weighted[IPE_NY];
+    for (int i = 0; i < IPE_NY; ++i) {
+        for (int j = 0; j < IPE_NY; ++j) {
+            for (int k = 0; k <= (i < j ? i : j); ++k) { V[i][j] += L[i][k] * L[j][k]; }
+            A[i][j] = S[i][j] + V[i][j];
+        }
+    }
+    if (!cholesky(&A[0][0], IPE_NY)) { return false; }
+    cholesky_solve(&A[0][0], IPE_NY, innovation, weighted);
+    for (int i = 0; i < IPE_NY; ++i) {
+        noise[i] = 0.0;
+        for (int j = 0; j < IPE_NY; ++j) { noise[i] += V[i][j] * weighted[j]; }
+    }
+    return true;
+}
+
+void ipe_states_quiet_gains(const ipe_config_t* config, const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
+                            const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H)
+{
+    const int m = config->n_cables, n = ipe_states_count(m), offset = IPE_NP + IPE_XI_FORCE, gain = offset + m;
+    double noise[IPE_NY], B[IPE_NY][IPE_NY] = {{0.0}}, trace = 0.0;
+    if (!noise_part(innovation, S, L, noise)) { return; }
+    for (int i = 0; i < IPE_NY; ++i) {  // the wrench of a tension is its offset's column
+        for (int j = 0; j < IPE_NY; ++j) {
+            for (int k = 0; k < m; ++k) { B[i][j] += H[i * n + offset + k] * H[j * n + offset + k]; }
+        }
+        trace += B[i][i];
+    }
+    for (int i = 0; i < IPE_NY; ++i) { B[i][i] += RIDGE * trace; }
+    if (!cholesky(&B[0][0], IPE_NY)) { return; }
+    cholesky_solve(&B[0][0], IPE_NY, noise, noise);
+    for (int k = 0; k < m; ++k) {
+        double quiet = f[k];
+        for (int j = 0; j < IPE_NY; ++j) { quiet -= H[j * n + offset + k] * noise[j]; }
+        for (int j = 0; j < IPE_NY; ++j) { H[j * n + gain + k] = H[j * n + offset + k] * quiet; }
+    }
 }
 
 void ipe_states_advance(ipe_states_t* s, const ipe_config_t* config, int64_t t_ns, ipe_rls_t* rls)

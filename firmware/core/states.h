@@ -39,6 +39,17 @@ void ipe_states_init(ipe_states_t* s);
 void ipe_states_rows(ipe_states_t* s, const ipe_config_t* config, const double Y[IPE_NY][IPE_NP],
                      const double X[IPE_NY][IPE_XI_MAX], double* H);
 
+/// Take the gain columns of H at tensions without the noise that stands in the measured ones f [m], N.
+///
+///   innovation, S  of H [6], and its covariance by the states [6][6]
+///   L              factor of the noise's covariance
+///
+/// With the measured ones a gain common to all cables gets its column from the noise, which it makes smaller, and the body
+/// with it: 1 % too light on a slow robot of 6 cables, at 3 sigma. The noise's part of the innovation, V (S + V)^-1 of it, is
+/// explained by the smallest change of tensions.
+void ipe_states_quiet_gains(const ipe_config_t* config, const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
+                            const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H);
+
 /// Time goes on to a window at t_ns: what wanders fades and is driven on.
 void ipe_states_advance(ipe_states_t* s, const ipe_config_t* config, int64_t t_ns, ipe_rls_t* rls);
 

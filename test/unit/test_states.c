@@ -123,6 +123,48 @@ static void test_advance_wander_fades_and_keeps_its_variance(void)
     TEST_ASSERT_TRUE(ipe_rls_invariants_hold(&rls));
 }
 
+enum { OFFSET = IPE_NP + IPE_XI_FORCE, GAIN = OFFSET + 8 };
+
+/// The states' covariance is share of what it is of the noise; f is measured with noise, which explains the innovation.
+static void quiet_gains(double share, const double f[8], double noisy[IPE_CABLES_MAX])
+{
+    double L[IPE_NY][IPE_NY] = {{0.0}}, S[IPE_NY][IPE_NY] = {{0.0}}, innovation[IPE_NY] = {0.0};
+    const double v[IPE_NY] = {0.2, -0.1, 0.3, 0.05, -0.2, 0.1};
+    ipe_states_rows(&states, &config, Y, X, H);
+    for (int i = 0; i < IPE_NY; ++i) { L[i][i] = 2.0, S[i][i] = 4.0 * share; }
+    for (int k = 0; k < 8; ++k) {
+        noisy[k] = f[k];
+        for (int j = 0; j < IPE_NY; ++j) { noisy[k] += H[j * N + OFFSET + k] * v[j]; }
+        for (int j = 0; j < IPE_NY; ++j) { innovation[j] += H[j * N + OFFSET + k] * (noisy[k] - f[k]); }
+    }
+    ipe_states_quiet_gains(&config, noisy, innovation, (const double (*)[IPE_NY])S, (const double (*)[IPE_NY])L, H);
+}
+
+static void check_gains(const double f[8])
+{
+    for (int j = 0; j < IPE_NY; ++j) {
+        for (int k = 0; k < 8; ++k) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-5, H[j * N + OFFSET + k] * f[k], H[j * N + GAIN + k]);
+        }
+    }
+}
+
+static const double TENSION[8] = {10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0};
+
+static void test_quiet_gains_are_those_of_the_tensions_without_noise(void)
+{
+    double noisy[IPE_CABLES_MAX];
+    quiet_gains(0.0, TENSION, noisy);  // given: states known, all of the innovation is noise; when
+    check_gains(TENSION);              // then
+}
+
+static void test_quiet_gains_believe_the_tensions_where_the_states_are_unknown(void)
+{
+    double noisy[IPE_CABLES_MAX];
+    quiet_gains(1e9, TENSION, noisy);  // given, when
+    check_gains(noisy);                // then
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -132,5 +174,7 @@ int main(void)
     RUN_TEST(test_patterns_are_orthonormal_and_leave_out_the_pull_along_the_resultant);
     RUN_TEST(test_patterns_of_cables_without_force_are_zero);
     RUN_TEST(test_advance_wander_fades_and_keeps_its_variance);
+    RUN_TEST(test_quiet_gains_are_those_of_the_tensions_without_noise);
+    RUN_TEST(test_quiet_gains_believe_the_tensions_where_the_states_are_unknown);
     return UNITY_END();
 }
