@@ -91,7 +91,7 @@ static void test_push_vibration_at_rest_does_not_make_coarse_signals_stuck(void)
 static void test_push_rest_after_braking_is_not_stuck_while_the_mean_catches_up(void)
 {
     for (int k = 0; k < 1000; ++k) {  // given: no noise; 3 s of motion, 0.3 s of braking, then nothing changes by a bit
-        const double t = 0.01 * k, braking = t >= 3.0 && t < 3.3 ? 2.0 : 0.0;
+        const double t = 0.01 * k, braking = 2.0 * fmax(0.0, fmin(1.0, fmin(10.0 * (t - 3.0), 10.0 * (3.3 - t))));
         const double motion = t < 3.0 ? 0.1 * sin(2.0 * t) : braking;
         const double level = t < 3.3 ? 1e-3 * t : 0.0;
         double imu[10] = {0.5 * motion, 0.0, 9.81 + motion, level, 0.0, 0.0, 1.0, level, 0.0, 0.0};
