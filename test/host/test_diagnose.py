@@ -63,6 +63,10 @@ def test_an_imu_upside_down_is_named(good: Recording) -> None:
     assert "upside down" in _findings(replace(good, robot=good.robot.model_copy(update={"imu": imu})))
 
 
+def test_an_accelerometer_in_g_is_named(good: Recording) -> None:
+    assert "is it in g?" in _findings(_with(good, acc=good.rows.acc / 9.81))
+
+
 def test_a_gyro_in_degrees_is_named(good: Recording) -> None:
     assert "deg/s?" in _findings(_with(good, gyro=np.rad2deg(good.rows.gyro)))
 

@@ -226,10 +226,10 @@ def _gravity(robot: Robot, run: Recording) -> list[str]:
             f"{run.path}: at rest the accelerometer says {s[2]:.2f} m/s2 along z of the world, it must say +{g:.2f}: "
             "gravity has the wrong sign, or the IMU gives acceleration the other way round"
         ]
-    if np.linalg.norm(s) < 0.3 * g:
-        return [f"{run.path}: the accelerometer shows no gravity: it must give specific force, not acceleration"]
     if abs(np.linalg.norm(s) - 1.0) < 0.3:
         return [f"{run.path}: the accelerometer's mean is {np.linalg.norm(s):.2f} m/s2: is it in g?"]
+    if np.linalg.norm(s) < 0.3 * g:
+        return [f"{run.path}: the accelerometer shows no gravity: it must give specific force, not acceleration"]
     return [
         f"{run.path}: mean specific force in the world is {s[0]:.2f}, {s[1]:.2f}, {s[2]:.2f} m/s2, not 0, 0, {g:.2f}: "
         "accelerometer and attitude do not belong together; look at axes and at the quaternion's order"
