@@ -17,7 +17,7 @@ from inertiad import dbc, encode
 from inertiad import robot as description
 from inertiad.error import InputError
 from inertiad.quantity import QUANTITIES
-from inertiad.robot import inertia_matrix
+from inertiad.robot import TENSION_MAX_DEFAULT, inertia_matrix
 from inertiad.table import Table
 from inertiad_lcm import robot_config_t
 
@@ -85,6 +85,17 @@ def test_prior_without_nominal_is_wide(robot_file):
     assert inertiad_core.is_consistent(np.array(config.prior_theta))
     assert config.prior_covariance[0][0] == pytest.approx((2.0 * config.prior_theta[0]) ** 2)
     assert config.prior_covariance[1][1] > 0.0
+
+
+@pytest.mark.parametrize(("size", "mass"), [(0.08, 3.2), (0.8, 161.0), (2.5, 5000.0), (0.05, 100.0)])
+def test_weight_that_nothing_tells_is_guessed_from_the_size(cogiro, size, mass):
+    scale = size / compiler.platform_size(cogiro)
+    cables = [
+        c.model_copy(update={"attachment": [scale * x for x in c.attachment], "tension_max": TENSION_MAX_DEFAULT})
+        for c in cogiro.cable
+    ]
+    guess = compiler.typical_mass(cogiro.model_copy(update={"nominal": None, "cable": cables}))
+    assert 0.3 * mass < guess < 100.0 * mass
 
 
 def test_prior_is_wider_without_nominal(cogiro):

@@ -14,11 +14,15 @@ import inertiad_core
 from inertiad import dbc, quantity
 from inertiad.dbc import Binding
 from inertiad.error import InputError
-from inertiad.robot import Cable, Nominal, Robot, inertia_matrix
+from inertiad.robot import TENSION_MAX_DEFAULT, Cable, Nominal, Robot, inertia_matrix
 from inertiad_lcm import cable_config_t, robot_config_t, signal_config_t
 
 ATTITUDE_SOURCE = {"quaternion": 1, "rpy": 2}
 POSITION_SOURCE = {"tracker": 0, "fixed": 1, "can": 2}
+GUESSED_DENSITY = 1000.0
+"""kg/m3 of the cube that a platform of unknown weight would fill"""
+GUESSED_MASS_MIN = 50.0
+"""kg: attachments close together may carry anything"""
 
 
 def _padded(values: list[float] | None, n: int) -> list[float]:
@@ -71,9 +75,15 @@ def theta_of(body: Nominal) -> np.ndarray:
 
 
 def typical_mass(robot: Robot) -> float:
-    """kg: the nominal mass, or a twenty-fourth of what all cables together could hold."""
+    """kg: the nominal mass, or a twenty-fourth of what all cables together could hold, or a guess from the size.
+
+    Too heavy a guess costs accuracy only where it is hundreds of times too heavy: the noise level is learnt down from
+    it to a hundredth.
+    """
     if robot.nominal is not None:
         return robot.nominal.mass
+    if all(cable.tension_max == TENSION_MAX_DEFAULT for cable in robot.cable):
+        return max(GUESSED_DENSITY * (2.0 * platform_size(robot)) ** 3, GUESSED_MASS_MIN)
     return sum(cable.tension_max for cable in robot.cable) / (24.0 * max(robot.gravity, 1.0))
 
 

@@ -94,6 +94,8 @@ from inertiad.error import InputError
 from inertiad.estimate import read_json
 
 FILE_BYTES_MAX = 1_000_000
+TENSION_MAX_DEFAULT = 1e6
+"""N: no cable holds more; says nothing about the platform"""
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,7 @@ class Cables(Strict):
     swivel_axis: Axis = [0.0, 0.0, 1.0]
     weight_per_length: Annotated[float, AfterValidator(Range(0, 1e4, "N/m"))] = 0.0
     tension_min: Annotated[float, AfterValidator(Range(0, 1e7, "N"))] = 0.0
-    tension_max: Annotated[float, AfterValidator(Range(0, 1e8, "N"))] = 1e6
+    tension_max: Annotated[float, AfterValidator(Range(0, 1e8, "N"))] = TENSION_MAX_DEFAULT
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
