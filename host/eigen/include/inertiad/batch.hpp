@@ -490,6 +490,8 @@ struct Problem {
     {
         attenuation[r] = {};
         for (const ipe_average_t& a : run.window) { ipe_attenuation_add(&attenuation[r], &a, 1.0); }
+        if (runs[r].derived.force) { std::fill_n(attenuation[r].sum, 3, 0.0F); }  // smoothed in Y instead
+        if (runs[r].derived.rate) { std::fill_n(attenuation[r].sum + 3, 3, 0.0F); }
         Vector6 sum = Vector6::Zero();
         const std::size_t n_windows = run.window.size();
         for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
