@@ -190,7 +190,7 @@ second-target: .venv/accept.stamp $(GEN)
 build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/libinertiad_io.a lib/libinertiad_core.a)
 	$(call say,ld  $@)$(CC) -static -Wl,--gc-sections $^ -lm -o $@
 
-## Error of `inertiactl sync` against known delays, on unseen seeds (about 10 min)
+## Error of `inertiactl sync` against known delays, on unseen seeds (about 20 min)
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
 
