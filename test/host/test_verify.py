@@ -2,6 +2,7 @@
 """verify passes a good run and fails one for every kind of damage: in the log, on the way, in the configuration."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -33,7 +34,7 @@ def run(good: Path, tmp_path: Path) -> Path:
 def failed(run: Path, **options: object) -> dict[str, str]:
     """Checks that fail, with what they say."""
     checks = verify.verify(verify.Options(run, **options), lambda _: None)  # type: ignore[arg-type]
-    return {c.name: c.detail for c in checks if not c.passed}
+    return {c.name: c.detail for c in checks if c.passed is False}
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -53,7 +54,10 @@ def test_good_run_passes_and_says_so(inertiactl, run):
     result = inertiactl("verify", run)
     assert result.returncode == 0, result.stdout + result.stderr
     lines = result.stdout.splitlines()
-    assert all(line.startswith("PASS") for line in lines)
+    open_lines = [line for line in lines if not line.startswith("PASS")]
+    unknown = "what the run was made with is not known, so what has changed since cannot be told"
+    assert open_lines == [f"OPEN  robot.toml: {unknown}: no robot.cfg and no CONFIG in a run.lcmlog"]
+    assert re.fullmatch(r"PASS: (\d+) of (\d+) passed, 1 could not be made", lines[-1])
     assert any("estimates" in line and "bit-identical" in line for line in lines)
     document = json.loads((run / "verify.json").read_text())
     assert document["passed"] and len(document["checks"]) == len(lines) - 1
@@ -146,6 +150,29 @@ def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(r
         new = old.replace(f"({scale},", f"({1.02 * float(scale):.9g},")
     edit(run / file, old, new)
     assert f"differs from {record}, which the run was made with: {said}" in failed(run)["robot.toml"]
+
+
+@pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
+def test_configuration_of_another_version_leaves_what_has_changed_open(run, record):
+    data = bytes(8) + compile.compile_robot(description.load(run / "robot.toml"), "run")[8:]  # another fingerprint
+    if record == "robot.cfg":
+        (run / record).write_bytes(data)
+    else:
+        log = lcmlog.Writer(run / record)
+        log.write(0, "INERTIAD_CONFIG", data[:-4])
+        log.close()
+    checks = {c.name: c for c in verify.verify(verify.Options(run), lambda _: None)}
+    assert checks["robot.toml"].passed is None
+    assert checks["robot.toml"].detail.endswith(f"cannot be told: {record} was written by another version")
+    assert [c for c in checks.values() if c.passed is False] == []
+
+
+def test_record_without_the_configuration_leaves_what_has_changed_open(run):
+    log = lcmlog.Writer(run / "run.lcmlog")
+    log.write(0, "INERTIAD_TRACKER", b"")
+    log.close()
+    (check,) = [c for c in verify.verify(verify.Options(run), lambda _: None) if c.name == "robot.toml"]
+    assert check.passed is None and check.detail.endswith("no robot.cfg and no CONFIG in its run.lcmlog")
 
 
 def test_wrong_truth_fails(run):

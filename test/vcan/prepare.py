@@ -5,7 +5,8 @@ build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
 build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
 frames late does not spoil the estimate;
 build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again, at
-50 Hz, so that the daemon's ring of samples outlasts the stalls of an emulated machine;
+50 Hz, so that the daemon's ring of samples outlasts the stalls of an emulated machine; beside it changed.cfg, which is
+not what the run's robot.toml compiles to;
 build/vcan/devices: 30 s of real sensors on two buses, in one place, so that no tracker has to be played as well;
 build/vcan/faults: one run per fault of scenarios.py, laid out as frames with the time they are due.
 """
@@ -46,6 +47,20 @@ def write_estimate(run: Path) -> None:
     subprocess.run(command, check=True, capture_output=True)
 
 
+def write_changed(golden: Path) -> None:
+    """changed.cfg: compiled from the golden run's description with one force 2 % larger."""
+    folder = golden / "changed"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(golden / "run", folder)
+    dbc = folder / "platform_fd.dbc"
+    was, now = " SG_ f_3 : 336|24@1+ (0.001,", " SG_ f_3 : 336|24@1+ (0.00102,"
+    text = dbc.read_text()
+    assert was in text
+    dbc.write_text(text.replace(was, now))
+    command = [TOOL, "compile", folder / "robot.toml", "-o", golden / "changed.cfg"]
+    subprocess.run(command, check=True, capture_output=True)
+
+
 def make_run(name: str, description: str, *options: str) -> None:
     folder = RUNS / name
     shutil.rmtree(folder, ignore_errors=True)
@@ -71,5 +86,6 @@ if __name__ == "__main__":
     swing = str(write_swing(RUNS / "swing.csv"))
     make_run("golden", "robot_fd.toml", "--trajectory", swing, "--rate", "50", "--faults", "modern", "--seed", "1")
     write_estimate(RUNS / "golden/run")
+    write_changed(RUNS / "golden")
     make_run("robot_fd", "robot_fd.toml", "--trajectory", "hold", "--duration", "2")
     scenarios.write(RUNS / "faults")

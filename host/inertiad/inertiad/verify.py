@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does the daemon do with a run what it must? One line per check, PASS or FAIL.
+"""Does the daemon do with a run what it must? One line per check, PASS or FAIL, or OPEN where it could not be made.
 
 The frames it says it took are compared with the log, its counters with each other, its rows with a decoder of our own
 (from the DBC, in numpy), its estimates with a recomputation by the same core and with a plain batch weighted least
@@ -88,11 +88,13 @@ class Check:
     """One line of the verdict."""
 
     name: str
-    passed: bool
+    passed: bool | None
+    """None: it could not be made"""
     detail: str
 
     def __str__(self) -> str:
-        return f"{'PASS' if self.passed else 'FAIL'}  {self.name}: {self.detail}"
+        verdict = "OPEN" if self.passed is None else "PASS" if self.passed else "FAIL"
+        return f"{verdict}  {self.name}: {self.detail}"
 
 
 @dataclass
@@ -124,27 +126,33 @@ def _check_config(case: Case) -> Iterator[Check]:
     yield Check("configuration", same, "is what robot.toml compiles to" if same else "differs from robot.toml")
 
 
-def _record_of_configuration(run: Path) -> tuple[str, robot_config_t] | None:
-    """The configuration a run was made with, and the file that says so: the daemon's own record, else robot.cfg."""
+def _record_of_configuration(run: Path) -> tuple[str, bytes | None]:
+    """Which file says what configuration a run was made with, and that: the daemon's own record, else robot.cfg.
+
+    None: no file does, the text says why.
+    """
     log, file = run / "run.lcmlog", run / "robot.cfg"
     if log.exists():
         for event in lcmlog.read(log):
             if event.channel.endswith("_CONFIG"):
-                return log.name, lcmlog.decode(robot_config_t, event, log)
-    if not file.exists():
-        return None
-    try:
-        return file.name, robot_config_t.decode(file.read_bytes()[:-4])
-    except (ValueError, struct.error):
-        raise InputError(f"{file}: written by another version: allowed: compiled again or removed") from None
+                return log.name, event.data
+    if file.exists():
+        return file.name, file.read_bytes()[:-4]
+    return f"no robot.cfg and no CONFIG in {'its' if log.exists() else 'a'} run.lcmlog", None
 
 
 def _check_description(case: Case) -> Iterator[Check]:
     """robot.toml and its DBC files still say what the run was made with."""
-    record = _record_of_configuration(case.run)
-    if record is None:
+    name, data = _record_of_configuration(case.run)
+    unknown = "what the run was made with is not known, so what has changed since cannot be told: "
+    if data is None:
+        yield Check("robot.toml", None, unknown + name)
         return
-    name, was = record
+    try:
+        was = robot_config_t.decode(data)
+    except (ValueError, struct.error):
+        yield Check("robot.toml", None, f"{unknown}{name} was written by another version")
+        return
     differs = compile.differences(was, robot_config_t.decode(case.config_bytes[:-4]))
     differs = {key: what for key, what in differs.items() if not key.startswith("gyro_bias")}  # it learns that itself
     said = "; ".join(f"{key} is {what}" for key, what in list(differs.items())[:DIFFERENCES_SHOWN])
@@ -570,7 +578,7 @@ def write(path: Path, options: Options, checks: list[Check]) -> None:
     document = {
         "run": str(options.run),
         "bus": list(options.buses) or ["file"],
-        "passed": all(c.passed for c in checks),
+        "passed": all(c.passed is not False for c in checks),
         "checks": [asdict(c) for c in checks],
     }
     path.write_text(json.dumps(document, indent=1) + "\n")
