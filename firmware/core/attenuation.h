@@ -11,7 +11,7 @@
 /// along the eigenvectors of C in the metric of P. Where that leaves less than was known before the data, what was known
 /// before is published. C is known to a tenth; what that makes of the correction is added to P. The filter's own state
 /// stays least squares.
-/// Source: Fuller, Measurement Error Models, 1987, section 2.2 (corrected normal equations). 24 B of state, 10 us.
+/// Source: Fuller, Measurement Error Models, 1987, section 2.2 (corrected normal equations). 24 B of state, 20 us.
 #ifndef IPE_ATTENUATION_H
 #define IPE_ATTENUATION_H
 
