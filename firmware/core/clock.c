@@ -9,6 +9,7 @@
 #define FIRST_BLOCK_S (1.0 / 64.0)
 #define SETTLED_S 1.0          // before, the line may still lie late because the first stamps were
 #define STANDS_S 1e-3          // a line that earlier stamps moved by less stands still
+#define IN_PACE 8              // blocks whose stamps keep the device's pace from the start need not be waited for
 #define PROMPT_S 0.02          // mean lateness of a host that does not stall
 #define PATIENCE_S 5.0         // with one that does
 #define RATE_TOLERANCE 300e-6  // while the rate is taken as 1
@@ -131,6 +132,16 @@ static double scatter(const ipe_clock_t* c)
     return sum / c->n_points;
 }
 
+/// Did all stamps so far keep the device's pace? Those that a stall held up come together.
+static bool kept_pace(const ipe_clock_t* c)
+{
+    double latest = 0.0;
+    for (int i = 0; i < c->n_points; ++i) {
+        latest = fmax(latest, c->point[i].host - c->offset - c->rate * c->point[i].device);
+    }
+    return c->n_points >= IN_PACE && latest < STANDS_S;
+}
+
 /// Do the earliest stamps of the last second lie where the earliest before it do, and were most of them about as prompt?
 /// A host that stalls again and again has none that were prompt; one that is never better is believed after a while.
 static bool stands_still(const ipe_clock_t* c, double device)
@@ -150,6 +161,12 @@ static bool stands_still(const ipe_clock_t* c, double device)
     return fabs(since - before) < STANDS_S && (sum < PROMPT_S * n || device > PATIENCE_S);
 }
 
+static void settle(ipe_clock_t* c, double device)
+{
+    c->is_settled = kept_pace(c) || stands_still(c, device);
+    c->settled_ns = c->host_0_ns + (int64_t)llround(1e9 * (c->offset + c->rate * device));
+}
+
 static void fit(ipe_clock_t* c)
 {
     if (c->n_points < 2 || c->point[c->n_points - 1].device - c->point[0].device < c->min_rate_span) {
@@ -166,7 +183,7 @@ static void learn(ipe_clock_t* c, double device, double host)
     if (c->n_points > 0 && device < c->point[c->n_points - 1].device) { return; }  // reordered: its block may be over
     if (c->n_points == 0 || device >= c->block_end) {
         if (c->n_points > 0) { fit(c); }
-        c->is_settled |= stands_still(c, device);
+        if (!c->is_settled) { settle(c, device); }
         make_room(c);
         c->point[c->n_points].device = device;
         c->point[c->n_points].host = host;

@@ -5,7 +5,8 @@
 /// The line is the edge of their lower convex hull that spans the middle of the last minute; unlike least squares it is
 /// not biased by the mean delay. Device counters that wrap are unwrapped. A stepped clock restarts the fit: steps over
 /// 20 ms ahead at once, back within 4 samples, small ones (1 ms and three times the scatter) within 16 samples or 2 s.
-/// A clock is settled when its line has stood still for a second; before, it may have seen late stamps only.
+/// A clock is settled after 8 blocks whose stamps all kept the device's pace to 1 ms, else when its line has stood still for a
+/// second; before, it may have seen late stamps only.
 /// Points are thinned to the earliest arrival per block, blocks growing from 1/64 s to 1 s: 1.6 KB per clock, 2 us once
 /// per block, a few ns otherwise. One thread.
 /// Source: Zhang, Liu, Xia, "Clock synchronization algorithms for network measurements", INFOCOM 2002.
@@ -18,14 +19,15 @@ enum { IPE_CLOCK_POINTS = 64 };
 #define IPE_CLOCK_RATE_SPAN 5.0  // s, min_rate_span of a clock that runs true to some 100 ppm
 
 typedef struct {
-    double wrap;                ///< s after which device time starts again at 0; 0: never
+    double wrap;           ///< s after which device time starts again at 0; 0: never
     bool is_started;
-    bool is_settled;            ///< since the start the line has stood still for a second: what is mapped can be used
-    double min_rate_span;       ///< s of device time from which on the rate is measured; below it is taken as 1
-    double last_raw;            ///< s, device time as last given
-    double unwrapped;           ///< s added by wraps so far
-    double device_0;            ///< s, origin of device in point
-    int64_t host_0_ns;          ///< origin of host in point
+    bool is_settled;       ///< stamps kept the device's pace, or the line has stood still: what is mapped can be used
+    int64_t settled_ns;    ///< host time from which on that is so
+    double min_rate_span;  ///< s of device time from which on the rate is measured; below it is taken as 1
+    double last_raw;       ///< s, device time as last given
+    double unwrapped;      ///< s added by wraps so far
+    double device_0;       ///< s, origin of device in point
+    int64_t host_0_ns;     ///< origin of host in point
     struct {
         double device, host;    ///< s since the origins
     } point[IPE_CLOCK_POINTS];  ///< earliest arrival of each block, oldest first

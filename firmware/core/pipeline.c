@@ -288,11 +288,12 @@ static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* averag
     return IPE_OK;
 }
 
-/// A clock that has seen few stamps may have seen late ones only: where it puts a sample is not known yet.
-static bool clocks_are_settled(const ipe_pipeline_t* p)
+/// A clock that has seen few stamps may have seen late ones only: where it puts a sample of t_ns is not known yet.
+static bool clocks_are_settled(const ipe_pipeline_t* p, int64_t t_ns)
 {
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        if (p->clock[s].is_started && !p->clock[s].is_settled) { return false; }
+        const ipe_clock_t* c = &p->clock[s];
+        if (c->is_started && (!c->is_settled || t_ns < c->settled_ns)) { return false; }
     }
     return true;
 }
@@ -307,7 +308,7 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
 
     ipe_status_t status = ipe_align_pop(&p->align, row);  // samples -> row
     if (status != IPE_OK) { return status; }
-    if (!clocks_are_settled(p)) {
+    if (!clocks_are_settled(p, row->t_ns)) {
         ++p->n_unsettled;
         return IPE_ERR_TIME;
     }
