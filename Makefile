@@ -161,7 +161,8 @@ BENCHES := core offline simulate gaps excite report record pacing receive soak
 
 ## Measure beside other software (about 40 min; T="core receive" picks of: core offline simulate gaps excite report record pacing receive soak)
 bench: $(addprefix bench-,$(or $(T),$(BENCHES)))
-$(addprefix bench-,$(BENCHES)): .venv/test.stamp build $(BENCH)
+$(addprefix bench-,$(BENCHES)): .venv/test.stamp build bench-programs
+bench-programs: $(BENCH)
 bench-core bench-offline bench-simulate bench-gaps bench-excite bench-report bench-record: bench-%:
 	$(Q)$(PY) test/bench/$*.py
 bench-pacing:
