@@ -122,6 +122,16 @@ def test_changed_coefficient_in_the_dbc_disagrees_with_the_runs_own_result(run, 
     assert "the run's estimate.json" in failed(run)
 
 
+def record_configuration(run: Path, record: str, data: bytes) -> None:
+    """Leave a compiled configuration in the run as the daemon or a user does: in its record, or as a file."""
+    if record == "robot.cfg":
+        (run / record).write_bytes(data)
+    else:
+        log = lcmlog.Writer(run / record)
+        log.write(0, "INERTIAD_CONFIG", data[:-4])
+        log.close()
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "said"),
     [
@@ -136,13 +146,7 @@ def test_changed_coefficient_in_the_dbc_disagrees_with_the_runs_own_result(run, 
 )
 @pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
 def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(run, record, file, old, new, said):
-    data = compile.compile_robot(description.load(run / "robot.toml"), "run")
-    if record == "robot.cfg":
-        (run / record).write_bytes(data)
-    else:
-        log = lcmlog.Writer(run / record)
-        log.write(0, "INERTIAD_CONFIG", data[:-4])
-        log.close()
+    record_configuration(run, record, compile.compile_robot(description.load(run / "robot.toml"), "run"))
     assert failed(run) == {}
     if old is None:
         old = next(line for line in (run / file).read_text().splitlines() if " SG_ f_3 " in line)
@@ -155,12 +159,7 @@ def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(r
 @pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
 def test_configuration_of_another_version_leaves_what_has_changed_open(run, record):
     data = bytes(8) + compile.compile_robot(description.load(run / "robot.toml"), "run")[8:]  # another fingerprint
-    if record == "robot.cfg":
-        (run / record).write_bytes(data)
-    else:
-        log = lcmlog.Writer(run / record)
-        log.write(0, "INERTIAD_CONFIG", data[:-4])
-        log.close()
+    record_configuration(run, record, data)
     checks = {c.name: c for c in verify.verify(verify.Options(run), lambda _: None)}
     assert checks["robot.toml"].passed is None
     assert checks["robot.toml"].detail.endswith(f"cannot be told: {record} was written by another version")
