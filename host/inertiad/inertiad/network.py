@@ -2,16 +2,26 @@
 """The LCM network that daemon and tools meet on."""
 
 import os
+import socket
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
+from urllib.parse import parse_qs
 
 from inertiad.error import InputError
 
-DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
+GROUP: Final = "239.255.76.67"
+PORT: Final = 7667
+DEFAULT_URL: Final = f"udpm://{GROUP}:{PORT}?ttl=0"
 DEFAULT_PREFIX: Final = "INERTIAD_"
 """of channel names"""
+QUEUE: Final = 200_000
+"""messages that may wait in a listener"""
+RECEIVE_BUFFER: Final = 8_000_000
+"""bytes that may wait in the kernel for a listener"""
+ROUTE: Final = "with a multicast route, for one machine: ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
 @contextmanager
@@ -37,7 +47,54 @@ def connect(url: str) -> Any:
         with _silent_library():
             return lcm.LCM(url)
     except RuntimeError:
-        raise InputError(
-            f"--lcm {url}: cannot open: allowed: an LCM URL; udpm needs a multicast route, "
-            "for one machine: ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
-        ) from None
+        raise InputError(f"--lcm {url}: cannot open: allowed: an LCM URL; udpm only {ROUTE}") from None
+
+
+class Listener(threading.Thread):
+    """Hands every message whose channel matches a regular expression to take(channel, data), in a thread of its own.
+
+    With queues raised, so that bursts are not lost. InputError: see connect().
+    """
+
+    def __init__(self, url: str, channels: str, take: Callable[[str, bytes], None]) -> None:
+        super().__init__(daemon=True)
+        self._is_over = threading.Event()
+        self._link = connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
+        self._link.subscribe(channels, take).set_queue_capacity(QUEUE)
+
+    def run(self) -> None:
+        while not self._is_over.is_set():
+            self._link.handle_timeout(50)
+
+    def stop(self) -> None:
+        """Take nothing more; back once the thread has ended."""
+        self._is_over.set()
+        self.join()
+
+
+def udp_of(url: str) -> tuple[str, int, int]:
+    """Address, port and time to live of an LCM URL. InputError: not udpm."""
+    scheme, _, rest = url.partition("://")
+    place, _, query = rest.partition("?")
+    host, _, port = place.partition(":")
+    try:
+        socket.inet_aton(host or GROUP)
+        ttl = int(parse_qs(query).get("ttl", ["0"])[0])
+        if scheme != "udpm" or not 0 <= ttl <= 255:
+            raise ValueError
+        return host or GROUP, int(port or PORT), ttl
+    except (ValueError, OSError):
+        raise InputError(f"--lcm {url}: allowed: udpm://ADDRESS:PORT?ttl=N") from None
+
+
+def udp_socket(url: str) -> socket.socket:
+    """A UDP socket that sends to an LCM network. InputError: not udpm, or no interface carries multicast."""
+    host, port, ttl = udp_of(url)
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, ttl)
+    try:
+        link.connect((host, port))
+    except OSError as error:
+        link.close()
+        raise InputError(f"--lcm {url}: {error.strerror}: allowed: {ROUTE}; or without: --tracker none") from None
+    return link

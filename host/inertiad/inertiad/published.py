@@ -8,7 +8,6 @@ queues raised, while the run is played in real time.
 import contextlib
 import signal
 import subprocess
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -16,7 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import lcm
 import numpy as np
 
 from inertiad import canlog, lcmlog, network, replay, tracker_csv
@@ -27,8 +25,6 @@ from inertiad_lcm import estimate_t, event_t, health_t, raw_t, signals_t, tracke
 
 PREFIX: Final = "VERIFY_"
 """of the channels, so that another daemon on the network is not mistaken for ours"""
-QUEUE: Final = 200_000
-RECEIVE_BUFFER: Final = 8_000_000
 PATIENCE: Final = 60.0
 """s to wait for the daemon to say that it is there, and to take the last frame"""
 SILENCE: Final = 1.0
@@ -149,28 +145,21 @@ def from_file(setup: Setup) -> Published:
     return published
 
 
-class _Collector(threading.Thread):
+class _Collector:
     """Receive everything with our prefix, in a thread."""
 
     def __init__(self, url: str) -> None:
-        super().__init__(daemon=True)
         self.events: list[Event] = []
         self.counters: dict[str, int] = {}
         self.heard = time.monotonic()
-        self._is_over = threading.Event()
-        self._link: lcm.LCM = network.connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
-        subscription = self._link.subscribe(f"{PREFIX}.*", self._take)
-        subscription.set_queue_capacity(QUEUE)
+        self._listener = network.Listener(url, f"{PREFIX}.*", self._take)
+        self._listener.start()
 
     def _take(self, channel: str, data: bytes) -> None:
         self.heard = time.monotonic()
         self.events.append(Event(len(self.events), time.time_ns() // 1000, channel, data))
         if channel == f"{PREFIX}HEALTH":
             self.counters = {c.name: c.value for c in health_t.decode(data).counter}
-
-    def run(self) -> None:
-        while not self._is_over.is_set():
-            self._link.handle_timeout(50)
 
     def wait(self, condition: Any, seconds: float) -> bool:
         """Until condition() or for so long; True: it came."""
@@ -184,8 +173,7 @@ class _Collector(threading.Thread):
     def stop(self) -> None:
         """When nothing more comes."""
         self.wait(lambda: time.monotonic() - self.heard > SILENCE, 10 * SILENCE)
-        self._is_over.set()
-        self.join()
+        self._listener.stop()
 
 
 @contextlib.contextmanager
@@ -209,7 +197,6 @@ def live(setup: Setup, buses: list[str], n_frames: int) -> Published:
     """In real time, over SocketCAN. InputError: an unusable bus, no multicast, or the daemon does not start."""
     published = Published(is_live=True)
     collector = _Collector(setup.url)
-    collector.start()
     command = setup.command([f"{bus}?filter=off" for bus in buses], "--lcm", setup.url)
     began = time.monotonic()
     with _running(command) as process:

@@ -12,7 +12,6 @@ import ipaddress
 import os
 import selectors
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -27,13 +26,11 @@ from rich.live import Live
 from rich.table import Table
 
 import inertiad_core
-from inertiad import encode, header, lcmlog, tracker_csv, watch
+from inertiad import encode, header, lcmlog, network, tracker_csv
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Parser, Sample
 from inertiad_lcm import tracker_t
 
-QUEUE: Final = 200_000
-RECEIVE_BUFFER: Final = 8_000_000
 SILENT: Final = 10.0
 """s without a byte after which a peer that was sending counts as hanging and is connected anew"""
 START: Final = 60.0
@@ -85,7 +82,7 @@ class Udp:
     def __init__(self, host: str, port: int) -> None:
         self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, network.RECEIVE_BUFFER)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(_is_multicast(host)))
         self._socket.bind((host, port))
         if _is_multicast(host):
@@ -356,30 +353,23 @@ class Tracker:
 # ---- LCM and files ---------------------------------------------------------------------------------------------------
 
 
-class LcmRecorder(threading.Thread):
+class LcmRecorder:
     """Write every message whose channel matches a regular expression into a log, in a thread."""
 
     def __init__(self, url: str, channels: str, path: Path) -> None:
-        super().__init__(daemon=True)
         self.log = lcmlog.Writer(path)
         self.n_by_channel: dict[str, int] = {}
-        self._is_over = threading.Event()
-        self._link: Any = watch.connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
-        self._link.subscribe(channels, self._take).set_queue_capacity(QUEUE)
+        self._listener = network.Listener(url, channels, self._take)
+        self._listener.start()
 
     def _take(self, channel: str, data: bytes) -> None:
         self.n_by_channel[channel] = self.n_by_channel.get(channel, 0) + 1
         self.log.write(time.time_ns() // 1000, channel, data)
 
-    def run(self) -> None:
-        while not self._is_over.is_set():
-            self._link.handle_timeout(50)
-
     def stop(self) -> None:
         """Take what still comes, and close the log."""
         time.sleep(0.2)
-        self._is_over.set()
-        self.join()
+        self._listener.stop()
         self.log.close()
 
 
@@ -391,7 +381,7 @@ class Options:
     layout: Layout
     folder: Path
     url: str
-    prefix: str = "INERTIAD_"
+    prefix: str = network.DEFAULT_PREFIX
     seconds: float | None = None
     channels: str = ""
     """regular expression of the LCM channels to log; "": all of the prefix"""
@@ -411,14 +401,13 @@ class Recording:
         self.n_rows = self.n_out_of_order = self.n_unwritten = 0
         self._channel = f"{options.prefix}TRACKER"
         self.lcm = LcmRecorder(options.url, options.channels or f"{options.prefix}.*", self.folder / "run.lcmlog")
-        self._link = watch.connect(options.url)
+        self._link = network.connect(options.url)
         self._raw = (self.folder / "tracker.raw").open("wb", buffering=0)
         self._csv = (self.folder / "tracker.csv").open("wb", buffering=0)
         heads = tracker_csv.POSE_HEADER if options.layout.has_attitude else tracker_csv.HEADER
         self._write(self._csv, (heads + "\n").encode())
         self._last_ns = 0
         header.write(self.folder)
-        self.lcm.start()
 
     def _write(self, file: FileIO, data: bytes) -> bool:
         """All of data or, on a full disk, none of it: no half row is left behind. True: written."""

@@ -13,13 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Self
-from urllib.parse import parse_qs
 
 import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
-from inertiad import canlog, instrument, quantity, tracker_csv
+from inertiad import canlog, instrument, network, quantity, tracker_csv
 from inertiad.canlog import CanLog
 from inertiad.error import InputError
 from inertiad.instrument import Layout, Sample
@@ -79,37 +78,6 @@ class Played:
 # ---- tracker over LCM ------------------------------------------------------------------------------------------------
 
 _LCM_MAGIC: Final = 0x4C433032
-
-
-def udp_of(url: str) -> tuple[str, int, int]:
-    """Address, port and time to live of an LCM URL. InputError: not udpm."""
-    scheme, _, rest = url.partition("://")
-    place, _, query = rest.partition("?")
-    host, _, port = place.partition(":")
-    try:
-        socket.inet_aton(host or "239.255.76.67")
-        ttl = int(parse_qs(query).get("ttl", ["0"])[0])
-        if scheme != "udpm" or not 0 <= ttl <= 255:
-            raise ValueError
-        return host or "239.255.76.67", int(port or 7667), ttl
-    except (ValueError, OSError):
-        raise InputError(f"--lcm {url}: allowed: udpm://ADDRESS:PORT?ttl=N") from None
-
-
-def lcm_socket(url: str) -> socket.socket:
-    """A UDP socket that sends to an LCM network. InputError where no interface carries multicast."""
-    host, port, ttl = udp_of(url)
-    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, ttl)
-    try:
-        link.connect((host, port))
-    except OSError as error:
-        link.close()
-        raise InputError(
-            f"--lcm {url}: {error.strerror}: allowed: with a multicast route, for one machine: "
-            "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo; or without: --tracker none"
-        ) from None
-    return link
 
 
 def _packet_type(channel: str) -> np.dtype[Any]:
@@ -265,8 +233,8 @@ class Options:
     start: float = 0.0
     stop: float | None = None
     tracker: bool = True
-    url: str = "udpm://239.255.76.67:7667?ttl=0"
-    prefix: str = "INERTIAD_"
+    url: str = network.DEFAULT_URL
+    prefix: str = network.DEFAULT_PREFIX
     instrument: Layout | None = None
     """play tracker.csv as this instrument instead of over LCM"""
     instrument_address: str = ""
@@ -363,9 +331,9 @@ def _tracker_items(options: Options, tracked: Tracked, stack: contextlib.ExitSta
         link = stack.enter_context(_open_instrument(options.instrument_address))
         name = f"{options.instrument.format}={options.instrument_address}"
         return Items(name, link.fileno(), t_ns, data, begin)
-    network = stack.enter_context(lcm_socket(options.url))
+    link = stack.enter_context(network.udp_socket(options.url))
     packets = tracker_packets(options.channel, t_ns, tracked.position, tracked.q)
-    return _pieces(options.channel, network.fileno(), t_ns, packets)
+    return _pieces(options.channel, link.fileno(), t_ns, packets)
 
 
 def _tracker_of(options: Options) -> Tracked | None:

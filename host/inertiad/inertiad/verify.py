@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_core
-from inertiad import canlog, compile, dbc, encode, estimate, lcmlog, published, quantity
+from inertiad import canlog, compile, dbc, encode, estimate, lcmlog, network, published, quantity
 from inertiad import robot as description
 from inertiad.canlog import CanLog
 from inertiad.dbc import Binding
@@ -527,7 +527,7 @@ class Options:
     """none: from the run's files"""
     config: Path | None = None
     daemon: Path | None = None
-    url: str = "udpm://239.255.76.67:7667?ttl=0"
+    url: str = network.DEFAULT_URL
     latency_max: float = LATENCY_MAX
 
 
