@@ -55,7 +55,7 @@ def t2() -> Verdict:
     t = np.arange(int(motion.duration * 1000.0)) / 1000.0
     signals = simulate.measure_signals(robot, mechanics, motion, t, level, 1000.0, dice)
     x = Table(signals.t, dict(zip("xyz", motion.at(t).p.T, strict=True)), "")
-    rows = runs._aligned(sources.Completed(robot, signals, x), "ideal")
+    rows = runs.aligned(sources.Completed(robot, signals, x), "ideal")
     found = np.array(fit.wls(config, [Recording(COGIRO, robot, rows, 0, 0, {})]).body.value)
     error = np.abs(found - np.array([robot.nominal.mass, *robot.nominal.cog, *robot.nominal.inertia_cog]))
     rho, J = 1e3 * error[1:4].max(), error[4:].max()

@@ -41,7 +41,7 @@ def _measured(robot: Robot, mass: float, seed: int) -> tuple[Table, Table]:
     for added in (0.0, mass):
         dice = Dice(seed)
         drawn = sensors.draw(level, robot.n_cables, dice)
-        true = simulate._truly(robot, drawn)
+        true = simulate.with_true_geometry(robot, drawn)
         body = scenes.loaded(robot, added) if added else robot.nominal
         assert body is not None
         mechanics = simulate.Mechanics(runs.config_of(true, ""), true, body, drawn, 0.0)

@@ -115,7 +115,7 @@ def quiet_rows(level: str, rate: float, seed: int, motions: list[trajectory.Spli
         update=still | {"attitude_wander_deg": 0.0, "cable_swing": 0.0, "tracker_delay": 0.0, "force_delay_max": 0.0}
     )
     drawn = sensors.draw(quiet, robot.n_cables, dice)
-    true = simulate._truly(robot, drawn)
+    true = simulate.with_true_geometry(robot, drawn)
     assert robot.nominal is not None
     mechanics = simulate.Mechanics(runs.config_of(true, ""), true, robot.nominal, drawn, 0.0)
     parts = []
@@ -124,7 +124,7 @@ def quiet_rows(level: str, rate: float, seed: int, motions: list[trajectory.Spli
         signals = simulate.measure_signals(robot, mechanics, motion, t, quiet, rate, dice)
         imu = signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
         f = signals.stack(*quantity.forces(robot.n_cables))
-        parts.append(np.hstack([imu, simulate._target(robot, motion.at(t)), f]))
+        parts.append(np.hstack([imu, simulate.tracker_target(robot, motion.at(t)), f]))
     return np.concatenate(parts)
 
 

@@ -26,7 +26,7 @@ BODY = Nominal(mass=120.0, cog=[0.05, -0.03, -0.2], inertia_cog=[40.0, 50.0, 30.
 
 def mechanics(robot, level=PRESETS["ideal"], seed=1):
     drawn = sensors.draw(level, robot.n_cables, Dice(seed))
-    true_robot = simulator._truly(robot, drawn)
+    true_robot = simulator.with_true_geometry(robot, drawn)
     config = inertiad_core.Config(compiler.compile_robot(true_robot, "robot"))
     return Mechanics(config, true_robot, BODY, drawn, level.cable_swing)
 

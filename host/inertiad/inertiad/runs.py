@@ -168,7 +168,7 @@ def _read_signals(file: Path, robot: Robot) -> Recording:
             raise InputError(f"{file}: line 1: no column {wanted}")
     positions = _positions(signals, file, robot)
     whole = sources.completed(robot, signals, positions)
-    rows = _aligned(whole, str(file))
+    rows = aligned(whole, str(file))
     return Recording(file, whole.robot, rows, 0, len(whole.signals.t) - len(rows), {}, borrowed + whole.notes)
 
 
@@ -176,7 +176,8 @@ def _nanoseconds(t: Array) -> Any:
     return np.rint(1e9 * t).astype(np.int64)
 
 
-def _aligned(whole: sources.Completed, source: str) -> Any:
+def aligned(whole: sources.Completed, source: str) -> Any:
+    """inertiad_core.Rows of signals and positions, lined up as the daemon does; source names the robot in errors."""
     imu = whole.signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
     f = whole.signals.stack(*quantity.forces(whole.robot.n_cables))
     xyz = whole.positions.stack("x", "y", "z")

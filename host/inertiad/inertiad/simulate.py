@@ -39,7 +39,8 @@ Pack = Callable[[list[Binding], Table, Array], list[Frames]]
 """Who makes frames of signals, as encode.pack() does."""
 
 
-def _target(robot: Robot, motion: Motion) -> Array:
+def tracker_target(robot: Robot, motion: Motion) -> Array:
+    """Where the tracker's target is during a motion, m [N, 3], world axes."""
     return motion.p + motion.R @ np.array(robot.tracker.target)
 
 
@@ -66,7 +67,7 @@ def measure_signals(
     rpy = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX")[:, ::-1]
     columns |= dict(zip(quantity.RPY, rpy.T, strict=True))
     if robot.position.source == "can":
-        xyz = sensors.measure_positions(_target(robot, trajectory.at(t - level.tracker_delay)), level, dice)
+        xyz = sensors.measure_positions(tracker_target(robot, trajectory.at(t - level.tracker_delay)), level, dice)
         columns |= dict(zip(quantity.POSITION, xyz.T, strict=True))
     return Table(START + t, sensors.freeze(level, t, columns), "simulation")
 
@@ -74,13 +75,13 @@ def measure_signals(
 def measure_tracker(robot: Robot, trajectory: Trajectory, level: Faults, dice: Dice) -> Table:
     """What the tracker reports, in host time."""
     t = np.arange(int(trajectory.duration * level.tracker_rate) + 1) / level.tracker_rate
-    xyz = sensors.measure_positions(_target(robot, trajectory.at(t - level.tracker_delay)), level, dice)
+    xyz = sensors.measure_positions(tracker_target(robot, trajectory.at(t - level.tracker_delay)), level, dice)
     seen = ~sensors.out_of_sight(level, t, dice)
     return Table(START + t[seen], dict(zip(("x", "y", "z"), xyz[seen].T, strict=True)), "simulation")
 
 
-def _truly(robot: Robot, drawn: Drawn) -> Robot:
-    """The robot with its true geometry."""
+def with_true_geometry(robot: Robot, drawn: Drawn) -> Robot:
+    """The robot as it is: its cables' ends off from the description by the errors drawn."""
     cables = [
         cable.model_copy(
             update={
@@ -199,7 +200,7 @@ def _sample_times(run: Run) -> Array:
 
 
 def _mechanics(run: Run, drawn: Drawn) -> Mechanics:
-    true_robot = _truly(run.robot, drawn)
+    true_robot = with_true_geometry(run.robot, drawn)
     config = inertiad_core.Config(compile.compile_robot(true_robot, str(run.robot_file)))
     return Mechanics(config, true_robot, run.body, drawn, run.level.cable_swing, run.payloads)
 
