@@ -11,8 +11,6 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { MARK_MAX = 200 };
-
 /// What the answer says.
 typedef struct {
     bool is_done;
@@ -122,7 +120,9 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
 
 static answer_t mark(const char* text)
 {
-    if (text[0] == '\0' || strlen(text) > MARK_MAX) { return answer(false, "a mark has 1 to %d bytes", MARK_MAX); }
+    if (text[0] == '\0' || strlen(text) > IPE_COMMAND_TEXT_MAX) {
+        return answer(false, "a mark has 1 to %d bytes", IPE_COMMAND_TEXT_MAX);
+    }
     return answer(true, "%s", text);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "command.h"
 
+#include "config_file.h"
 #include "inertiad_lcm_command_t.h"
 
 #include <assert.h>
@@ -8,6 +9,9 @@
 
 static_assert(IPE_COMMAND_FREEZE == INERTIAD_LCM_COMMAND_T_FREEZE && IPE_COMMAND_MARK == INERTIAD_LCM_COMMAND_T_MARK,
               "the numbers of the message");
+static_assert(IPE_COMMAND_TEXT_MAX == INERTIAD_LCM_COMMAND_T_TEXT_MAX &&
+                  IPE_CONFIG_FILE_MAX == INERTIAD_LCM_COMMAND_T_CONFIG_MAX,
+              "the limits of the message");
 
 /// What is left of the message. Reading past its end gives zeros and is remembered.
 typedef struct {

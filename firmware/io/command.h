@@ -16,6 +16,8 @@ typedef enum {
     IPE_COMMAND_MARK = 6,
 } ipe_command_kind_t;
 
+enum { IPE_COMMAND_TEXT_MAX = 200 };  ///< bytes of a mark
+
 typedef struct {
     int64_t sequence;       ///< the sender's count
     int64_t t_ns;           ///< host time of sending

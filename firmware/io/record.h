@@ -12,6 +12,8 @@
 #ifndef IPE_RECORD_H
 #define IPE_RECORD_H
 
+#include "config_file.h"
+
 #include <limits.h>
 #include <pthread.h>
 #include <semaphore.h>
@@ -25,13 +27,12 @@ enum {
     IPE_RECORD_MESSAGE_MAX = 1 << 18,  ///< bytes of one message with its channel
     IPE_RECORD_HEADER = 28,            ///< bytes before the channel
     IPE_RECORD_NAME_MAX = 64,
-    IPE_RECORD_CONFIG_MAX = 1 << 15,   ///< bytes of the configuration
 };
 
 typedef struct {
     const char* path;             ///< kept by pointer
     const char* config_channel;   ///< kept by pointer
-    const uint8_t* config_bytes;  ///< first message of each file, at most IPE_RECORD_CONFIG_MAX bytes; copied
+    const uint8_t* config_bytes;  ///< first message of each file, at most IPE_CONFIG_FILE_MAX bytes; copied
     size_t n_config_bytes;
     uint64_t rotate_bytes;        ///< begin a new file before one grows longer; 0: never
     int64_t rotate_us;            ///< ... before it spans more data time; 0: never
@@ -47,7 +48,7 @@ typedef struct ipe_record {
     uint64_t number;              ///< of the next message, from 1
 
     int fd;                       ///< below: the writer's
-    uint8_t config[IPE_RECORD_CONFIG_MAX];
+    uint8_t config[IPE_CONFIG_FILE_MAX];
     size_t n_config;
     bool has_begun;                ///< the file holds its configuration
     bool is_unsynced;

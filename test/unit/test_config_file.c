@@ -6,10 +6,8 @@
 
 #include "inertiad_lcm_robot_config_t.h"
 
-enum { BYTES_MAX = 32768 };
-
 static inertiad_lcm_robot_config_t wire;
-static uint8_t bytes[BYTES_MAX];
+static uint8_t bytes[IPE_CONFIG_FILE_MAX];
 static size_t n_bytes;
 static ipe_config_t config;
 static char message[256];
@@ -23,7 +21,7 @@ static void seal(size_t n)
 
 static void encode(void)
 {
-    const int n = inertiad_lcm_robot_config_t_encode(bytes, 0, BYTES_MAX, &wire);
+    const int n = inertiad_lcm_robot_config_t_encode(bytes, 0, IPE_CONFIG_FILE_MAX, &wire);
     TEST_ASSERT_GREATER_THAN(0, n);
     seal((size_t)n);
 }

@@ -18,10 +18,6 @@ KINDS = {
     "configure": command_t.CONFIGURE,
     "mark": command_t.MARK,
 }
-TEXT_MAX = 200
-"""bytes of a mark"""
-CONFIG_MAX = 32768
-"""bytes of a compiled configuration"""
 
 
 @dataclass(frozen=True)
@@ -45,12 +41,13 @@ def make(name: str, argument: str | None) -> command_t:
     message.kind, message.sender, message.text = KINDS[name], secrets.randbits(62), ""
     if name == "mark" and argument is not None:
         message.text = argument
-        if len(argument.encode()) > TEXT_MAX or not argument.isprintable():
-            raise InputError(f"command mark: allowed: one line of at most {TEXT_MAX} bytes")
+        if len(argument.encode()) > command_t.TEXT_MAX or not argument.isprintable():
+            raise InputError(f"command mark: allowed: one line of at most {command_t.TEXT_MAX} bytes")
     if name == "configure" and argument is not None:
         message.config = Path(argument).read_bytes()
-        if len(message.config) > CONFIG_MAX:
-            raise InputError(f"{argument}: allowed: a compiled configuration, at most {CONFIG_MAX} bytes")
+        if len(message.config) > command_t.CONFIG_MAX:
+            limit = command_t.CONFIG_MAX
+            raise InputError(f"{argument}: allowed: a compiled configuration, at most {limit} bytes")
         message.n_config = len(message.config)
     return message
 
