@@ -2,6 +2,7 @@
 """report: the page in a real browser, the sensor it names, the words for runs that tell nothing."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from browser import Browser, browser
 from conftest import COGIRO, TOP
 
 import inertiad_core
-from inertiad import fit, report, runs, table
+from inertiad import fit, lcmlog, report, runs, table
 from inertiad.report import facts as gathering
 from inertiad.report import figure, interactive, page, printed, verdict
 from inertiad.report.facts import Facts
@@ -205,9 +206,10 @@ def test_what_is_not_a_run_is_refused_in_one_line(tmp_path: Path) -> None:
         assert result.returncode == 2 and words in result.stderr and result.stderr.count("\n") == 1
 
 
-def test_log_of_the_daemon_gives_the_same_body_as_its_input(good: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "recorded"
-    folder.mkdir()
+@pytest.fixture(scope="module")
+def logged(good: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the daemon published about the good run, run.lcmlog, and the robot's description."""
+    folder = tmp_path_factory.mktemp("logged")
     for file in (*good.glob("*.dbc"), good / "robot.toml"):
         (folder / file.name).write_bytes(file.read_bytes())
     assert inertiactl("compile", good / "robot.toml", "-o", folder / "robot.cfg").returncode == 0
@@ -215,9 +217,31 @@ def test_log_of_the_daemon_gives_the_same_body_as_its_input(good: Path, tmp_path
     inputs = ["--bus", f"file:{good}/can.log?speed=0", "--tracker", f"file:{good}/tracker.csv"]
     log = ["--lcm", f"file://{folder}/run.lcmlog?mode=w"]
     subprocess.run([*daemon, *inputs, *log], check=True, capture_output=True)
-    there, here = gathered(folder).joint, gathered(good).joint
-    assert there is not None and here is not None
-    np.testing.assert_allclose(there.body.value, here.body.value, rtol=1e-9, atol=1e-12)
+    return folder
+
+
+def assert_same_body(a: Facts, b: Facts) -> None:
+    assert a.joint is not None and b.joint is not None
+    np.testing.assert_allclose(a.joint.body.value, b.joint.body.value, rtol=1e-9, atol=1e-12)
+
+
+def test_log_of_the_daemon_gives_the_same_body_as_its_input(good: Path, logged: Path) -> None:
+    assert_same_body(gathered(logged), gathered(good))
+
+
+def test_log_of_two_daemons_is_refused_with_the_command_that_takes_one_out(logged: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(logged, tmp_path / "mixed")
+    mixed = lcmlog.Writer(folder / "mixed.lcmlog")
+    for event in lcmlog.read(logged / "run.lcmlog"):
+        mixed.write(event.t_us, event.channel, event.data)
+        mixed.write(event.t_us, event.channel.replace("INERTIAD_", "OTHER_"), event.data)
+    mixed.close()
+    refused = inertiactl("fit", mixed.path)
+    assert refused.returncode == 2 and "of several daemons, prefixes INERTIAD_, OTHER_: " in refused.stderr
+    advised = refused.stderr.split("inertiactl ")[-1].split()
+    done = inertiactl(*advised[:-1], folder / advised[-1])
+    assert done.returncode == 0, done.stderr
+    assert_same_body(gathered(folder / "signals.csv"), gathered(logged))
 
 
 # ---- drawings --------------------------------------------------------------------------------------------------------

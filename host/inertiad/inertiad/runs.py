@@ -16,8 +16,10 @@ import inertiad_core
 from inertiad import compile, encode, lcmlog, quantity, sources, table, tracker_csv
 from inertiad import robot as description
 from inertiad.error import InputError
+from inertiad.lcmlog import Event
 from inertiad.robot import Robot
 from inertiad.table import Array, Table
+from inertiad_lcm import health_t, signals_t
 
 REJECTED: Final = (
     *("align.force.missing", "align.force.late", "align.position.missing", "align.position.late", "align.overrun"),
@@ -102,21 +104,30 @@ def without_positions(folder: Path, robot: Robot) -> Recording:
     return _read_folder(folder, robot.model_copy(update={"position": still}))
 
 
-def _messages(log: Path, name: str, kind: Any) -> list[Any]:
-    """All messages of one kind in an LCM log, whatever the daemon's channel prefix."""
-    return [lcmlog.decode(kind, event, log) for event in lcmlog.read(log) if event.channel.endswith(f"_{name}")]
+def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
+    """SIGNALS and HEALTH of the daemon in an LCM log, whatever its channel prefix. InputError: of several daemons."""
+    found: dict[str, list[Event]] = {}
+    for event in lcmlog.read(log):
+        if event.channel.endswith(("SIGNALS", "HEALTH")):
+            found.setdefault(event.channel, []).append(event)
+    prefixes = [channel.removesuffix("SIGNALS") for channel in found if channel.endswith("SIGNALS")]
+    if len(prefixes) > 1:
+        raise InputError(
+            f"{log}: of several daemons, prefixes {', '.join(sorted(prefixes))}: allowed: of one, taken out by "
+            f"inertiactl export {log} --prefix {min(prefixes)} --to csv -o signals.csv"
+        )
+    signals, health = ([event for p in prefixes for event in found.get(f"{p}{n}", [])] for n in ("SIGNALS", "HEALTH"))
+    return [lcmlog.decode(signals_t, e, log) for e in signals], [lcmlog.decode(health_t, e, log) for e in health]
 
 
 def _read_lcm(log: Path, robot: Robot) -> Recording:
     """What a daemon published: its aligned rows, its counters."""
-    from inertiad_lcm import health_t, signals_t
-
-    rows = [row for message in _messages(log, "SIGNALS", signals_t) for row in message.row]
+    signals, health = _published(log)
+    rows = [row for message in signals for row in message.row]
     if any(row.n_cables != robot.n_cables for row in rows):
         raise InputError(f"{log}: {rows[0].n_cables} cables: allowed: {robot.n_cables}, as in the robot description")
     width = {"acc": 3, "gyro": 3, "q": 4, "position": 3, "f": robot.n_cables}
     columns = [np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items()]
-    health = _messages(log, "HEALTH", health_t)
     counters = {c.name: c.value for c in health[-1].counter} if health else {}
     t_ns = np.array([row.t_ns for row in rows], dtype=np.int64)
     rejected = sum(counters.get(name, 0) for name in REJECTED)
