@@ -298,6 +298,38 @@ static void test_continue_goes_on_where_the_other_stopped(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, pipeline.estimate.body.mass, other.estimate.body.mass);
 }
 
+static void check_same_learnt(const ipe_pipeline_t* a, const ipe_pipeline_t* b)
+{
+    TEST_ASSERT_EQUAL_MEMORY(&a->states, &b->states, sizeof a->states);
+    TEST_ASSERT_EQUAL_MEMORY(&a->rls, &b->rls, sizeof a->rls);
+    TEST_ASSERT_EQUAL_MEMORY(&a->noise, &b->noise, sizeof a->noise);
+    TEST_ASSERT_EQUAL_MEMORY(&a->attenuation, &b->attenuation, sizeof a->attenuation);
+    TEST_ASSERT_EQUAL_MEMORY(&a->detect, &b->detect, sizeof a->detect);
+    TEST_ASSERT_EQUAL_MEMORY(&a->estimate, &b->estimate, sizeof a->estimate);
+    TEST_ASSERT_EQUAL_MEMORY(a->config.gyro_bias, b->config.gyro_bias, sizeof a->config.gyro_bias);
+    TEST_ASSERT_EQUAL_UINT64(a->n_excited, b->n_excited);
+    TEST_ASSERT_EQUAL_UINT64(a->n_rows, b->n_rows);
+    TEST_ASSERT_EQUAL_UINT64(a->n_refused, b->n_refused);
+}
+
+static void test_continue_takes_over_all_that_was_learnt(void)
+{
+    static ipe_learnt_t learnt;
+    const double bias[3] = {3e-3, -2e-3, 1e-3};
+    (void)run(&pipeline, 0, 5000);  // given: nothing is as at the start
+    ipe_pipeline_set_gyro_bias(&pipeline, bias);
+    pipeline.n_refused = 3;
+    pipeline.n_excited = 4;
+    pipeline.detect.n_changes = 2;
+    init(&other);
+    TEST_ASSERT_TRUE(memcmp(&pipeline.states, &other.states, sizeof other.states) != 0);
+    TEST_ASSERT_TRUE(memcmp(&pipeline.noise, &other.noise, sizeof other.noise) != 0);
+    TEST_ASSERT_TRUE(memcmp(&pipeline.attenuation, &other.attenuation, sizeof other.attenuation) != 0);
+    ipe_pipeline_learnt(&pipeline, &learnt);
+    ipe_pipeline_continue(&other, &learnt);  // when
+    check_same_learnt(&pipeline, &other);    // then
+}
+
 static void test_gyro_bias_is_used_from_the_next_row_on(void)
 {
     const double bias[3] = {0.3, -0.2, 0.1};
@@ -582,6 +614,7 @@ int main(void)
     RUN_TEST(test_freeze_keeps_the_estimate_until_it_is_lifted);
     RUN_TEST(test_reset_learns_again_from_the_prior);
     RUN_TEST(test_continue_goes_on_where_the_other_stopped);
+    RUN_TEST(test_continue_takes_over_all_that_was_learnt);
     RUN_TEST(test_gyro_bias_is_used_from_the_next_row_on);
     RUN_TEST(test_step_same_input_gives_the_same_bytes);
     RUN_TEST(test_step_order_of_sensors_on_the_bus_changes_nothing);
