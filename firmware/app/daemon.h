@@ -62,6 +62,7 @@ typedef struct {
 
     ipe_notify_t notify;
     int epoll_fd, signal_fd, second_fd, pace_fd;
+    int64_t collect_ns;  ///< that frames gather before they are read; 0: each is taken as it comes
     bool is_done;
     bool is_replay_runnable;
     ipe_host_clock_t clock;

@@ -13,8 +13,6 @@
 #include <unistd.h>
 
 enum { ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16, MESSAGES_PER_TURN = 64 };
-// More frames per second than a classical bus carries are not waited for one by one but collected for so long.
-enum { COLLECT_ABOVE = 10000, COLLECT_NS = 1000000 };
 
 /// What woke the loop. Interfaces follow the last one: WAKE_BUS + index.
 enum { WAKE_SIGNAL, WAKE_SECOND, WAKE_PACE, WAKE_INPUT, WAKE_LCM, WAKE_BUS };
@@ -168,19 +166,20 @@ static void handle(daemon_t* d, uint64_t wake)
     }
 }
 
-/// At a high rate let frames gather, unless there are whole batches already: a wake-up costs as much as some dozen frames.
+/// Let frames gather if two or more will come meanwhile, unless there are whole batches already: a wake-up costs as much as
+/// some dozen frames.
 static void collect(const daemon_t* d)
 {
-    const struct timespec pause = {.tv_nsec = COLLECT_NS};
-    bool is_prompt = d->n_interfaces == 0 || d->n_frames_tick <= COLLECT_ABOVE;
-    for (unsigned i = 0; i < d->n_interfaces; ++i) { is_prompt |= d->interface[i].has_more; }
-    if (!is_prompt) { (void)nanosleep(&pause, NULL); }
+    const struct timespec pause = {.tv_nsec = d->collect_ns};
+    bool is_worth_it = (int64_t)d->n_frames_tick * d->collect_ns >= 2 * NS_PER_S;
+    for (unsigned i = 0; i < d->n_interfaces; ++i) { is_worth_it &= !d->interface[i].has_more; }
+    if (is_worth_it) { (void)nanosleep(&pause, NULL); }
 }
 
 void loop_run(daemon_t* d)
 {
     while (!d->is_done) {
-        struct epoll_event event[8];
+        struct epoll_event event[WAKE_BUS + IPE_BUSES_MAX];
         collect(d);
         const int n = epoll_wait(d->epoll_fd, event, sizeof event / sizeof event[0], d->is_replay_runnable ? 0 : -1);
         for (int i = 0; i < n; ++i) { handle(d, event[i].data.u64); }

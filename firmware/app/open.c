@@ -18,6 +18,8 @@
 
 enum { RECORD_LIMIT_MAX = 1000000 };
 static const double SPEED_MAX = 1e6;
+static const double FASTEST_BUS = 30000.0;  // frames/s: CAN FD, no data
+static const double COLLECT_SHARE = 0.5;    // of a receive buffer, filled by frames that gather
 static const int64_t WATCHDOG_MIN_NS = 2 * NS_PER_S;
 
 int daemon_refuse(const char* name, const char* reason)
@@ -134,6 +136,20 @@ static int open_buses(daemon_t* d)
         if (open_bus(d, d->option.bus[i]) != 0) { return -1; }
     }
     return 0;
+}
+
+/// Frames gather for as long as was asked for, but not so long that a small receive buffer could run over.
+static void set_collecting(daemon_t* d)
+{
+    double longest = d->n_interfaces > 0 ? d->option.collect : 0.0;
+    for (unsigned i = 0; i < d->n_interfaces; ++i) {
+        const double bearable = COLLECT_SHARE * ipe_source_socketcan_capacity(&d->interface[i]) / FASTEST_BUS;
+        if (bearable >= longest) { continue; }
+        longest = bearable;
+        ipe_message("--collect: %g s, not %g: %s has room for %d frames only", longest, d->option.collect,
+                    d->interface[i].interface, ipe_source_socketcan_capacity(&d->interface[i]));
+    }
+    d->collect_ns = (int64_t)(1e9 * longest);
 }
 
 static int open_tracker(daemon_t* d)
@@ -318,6 +334,7 @@ int daemon_open(daemon_t* d)
     }
     if (open_signals(d) != 0) { return daemon_refuse("signals", strerror(errno)); }
     if (check_buses(d) != 0 || open_buses(d) != 0 || open_lcm(d) != 0 || open_tracker(d) != 0) { return -1; }
+    set_collecting(d);
     if (!daemon_can_use(d, &d->config, reason, sizeof reason)) { return daemon_refuse(d->option.config, reason); }
     if (d->option.checkpoint != NULL && open_checkpoint(d) != 0) { return -1; }
     if (d->option.record != NULL && open_record(d) != 0) { return -1; }

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 
 enum { CPUS_MAX = 1024 };
+static const double COLLECT_MAX = 0.1, COLLECT_DEFAULT = 0.005;  // s
 
 static const char USAGE[] =
     "usage: inertiad --config robot.cfg --bus ADDRESS [--bus ADDRESS ...] [options]\n"
@@ -26,6 +27,8 @@ static const char USAGE[] =
     "                      an earlier FILE, and one that reached a limit, is moved to FILE.1, FILE.2, ...\n"
     "  --estimate FILE     write the result as JSON on exit\n"
     "  --checkpoint FILE   keep what was learnt, every 5 s and on exit, and continue from it\n"
+    "  --collect SECONDS   let frames of a busy interface gather for so long before they are read, 0 to 0.1; default 0.005,\n"
+    "                      0: take each as it comes\n"
     "  --rt PRIORITY       run as SCHED_FIFO, 1 to 99, with all memory locked\n"
     "  --cpu N             run on this processor only, from 0\n"
     "  -h, --help          this text\n"
@@ -59,6 +62,19 @@ static int read_number(const char* name, const char* text, int minimum, int maxi
     return usage_error(name, reason);
 }
 
+static int read_seconds(const char* name, const char* text, double maximum, double* seconds)
+{
+    char reason[REASON_SIZE];
+    char* end;
+    const double value = strtod(text, &end);
+    if (end != text && *end == '\0' && value >= 0.0 && value <= maximum) {
+        *seconds = value;
+        return 0;
+    }
+    (void)snprintf(reason, sizeof reason, "\"%s\" is not a number of seconds from 0 to %g", text, maximum);
+    return usage_error(name, reason);
+}
+
 static int take_option(options_t* o, int letter, const char* text)
 {
     switch (letter) {
@@ -69,6 +85,7 @@ static int take_option(options_t* o, int letter, const char* text)
     case 'p': o->lcm_prefix = optarg; return 0;
     case 'R': return read_number("--rt", optarg, 1, 99, &o->priority);
     case 'C': return read_number("--cpu", optarg, 0, CPUS_MAX - 1, &o->cpu);
+    case 'g': return read_seconds("--collect", optarg, COLLECT_MAX, &o->collect);
     case 'k': o->checkpoint = optarg; return 0;
     case 'r': o->record = optarg; return 0;
     case 'e': o->estimate = optarg; return 0;
@@ -88,13 +105,15 @@ int options_read(options_t* o, int argc, char** argv)
         {"record", required_argument, NULL, 'r'},
         {"estimate", required_argument, NULL, 'e'},
         {"checkpoint", required_argument, NULL, 'k'},
+        {"collect", required_argument, NULL, 'g'},
         {"rt", required_argument, NULL, 'R'},
         {"cpu", required_argument, NULL, 'C'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
     int letter;
-    *o = (options_t){.lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_", .cpu = -1};
+    *o = (options_t){
+        .lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_", .cpu = -1, .collect = COLLECT_DEFAULT};
     while ((letter = getopt_long(argc, argv, ":h", LONG, NULL)) != -1) {
         if (letter == 'h') { return fputs(USAGE, stdout) < 0 ? -1 : 1; }
         if (take_option(o, letter, argv[optind - 1]) != 0) { return -1; }

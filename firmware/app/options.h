@@ -14,8 +14,9 @@ typedef struct {
     const char* lcm_prefix;
     const char* record;
     const char* checkpoint;
-    int priority;  ///< 0: not real time
-    int cpu;       ///< -1: any
+    int priority;    ///< 0: not real time
+    int cpu;         ///< -1: any
+    double collect;  ///< s
     char* tracker;
     char* bus[IPE_BUSES_MAX];
     unsigned n_buses;

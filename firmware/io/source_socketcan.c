@@ -137,10 +137,15 @@ int ipe_source_socketcan_open(ipe_source_socketcan_t* s, const char* interface, 
     }
     if (s->receive_buffer < WANTED_BUFFER) {
         ipe_message("%s: receive buffer holds %d frames only; give CAP_NET_ADMIN or raise net.core.rmem_max to %d",
-                    interface, s->receive_buffer / BYTES_PER_FRAME, WANTED_BUFFER);
+                    interface, ipe_source_socketcan_capacity(s), WANTED_BUFFER);
     }
     if (!s->is_up) { ipe_message("%s: interface is down, waiting for it; ip link set %s up", interface, interface); }
     return 0;
+}
+
+int ipe_source_socketcan_capacity(const ipe_source_socketcan_t* s)
+{
+    return s->receive_buffer / BYTES_PER_FRAME;
 }
 
 int ipe_source_socketcan_filter(ipe_source_socketcan_t* s, const ipe_config_t* config)

@@ -55,6 +55,9 @@ typedef struct {
 int ipe_source_socketcan_open(ipe_source_socketcan_t* s, const char* interface, uint8_t bus, const ipe_config_t* config,
                               char* message, size_t size);
 
+/// Frames that the receive buffer holds, about.
+int ipe_source_socketcan_capacity(const ipe_source_socketcan_t* s);
+
 /// From now on let through what this configuration's signals are bound to; without effect on a source that takes all. 0, or
 /// -1 with errno set.
 int ipe_source_socketcan_filter(ipe_source_socketcan_t* s, const ipe_config_t* config);

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Receive a bus without loss: inertiad (decode, estimate, record) beside candump -l and python-can's logger.
+"""Receive a bus without loss: inertiad (decode, estimate, record) beside candump -l, python-can's logger and, as what any
+reader of such a socket pays at least, drain, which throws everything away.
 
 Each receives alone what flood sends, at rates that double until it loses a frame or flood cannot send as fast. CPU time
 is the process's own from when it listens until it has read everything, so that no start-up counts; what it wrote tells
@@ -19,6 +20,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +28,7 @@ from pathlib import Path
 TOP = Path(__file__).resolve().parents[2]
 FLOOD = TOP / "build/bench/flood"
 CAN_OVER_UDP = TOP / "build/bench/can_over_udp.so"
-OUT = Path("/tmp/bench")
+OUT = Path("received")  # in a temporary folder
 BUS = "vcan0"
 RATES = [1000 * 2**k for k in range(1, 8)]  # frames/s
 LATENCY_RATE = 3000  # frames/s of three sensors at 1 kHz
@@ -35,9 +37,9 @@ IDLE = 0.02  # of one processor: a receiver with nothing to do
 PATIENCE = 120.0  # s
 PYTHON_CAN = f"""
 import sys
-sys.path.append("{OUT}/site")
+sys.path.append("site")
 sys.modules["asammdf"] = None  # for another format, and it loads pandas
-sys.argv = ["can_logger", "-i", "socketcan", "-c", "{BUS}", "--fd", "-f", "{OUT}/python-can.log"]
+sys.argv = ["can_logger", "-i", "socketcan", "-c", "{BUS}", "--fd", "-f", "python-can.log"]
 import can.interfaces.socketcan.socketcan as socketcan
 import can.logger
 create = socketcan.create_socket
@@ -50,9 +52,10 @@ can.logger.main()
 """
 INERTIAD = [TOP / "build/bin/inertiad", "--config", FLOOD / "timed/robot.cfg", "--bus", f"socketcan:{BUS}"]
 RECEIVERS = {
-    "inertiad": [*INERTIAD, "--lcm", "none", "--record", OUT / "run.lcmlog"],
+    "inertiad": [*INERTIAD, "--lcm", "none", "--record", "run.lcmlog"],
     "candump -l": ["candump", "-r", str(8 << 20), "-l", BUS],
     "python-can": [sys.executable, "-S", "-c", PYTHON_CAN],
+    "drain": [TOP / "build/test/bench/drain", BUS, "0.005"],
 }
 
 
@@ -115,6 +118,8 @@ def counters() -> dict[str, int]:
 
 def count_received(name: str) -> int:
     """Frames of which nothing got lost on the way to the disk."""
+    if name == "drain":
+        return int((OUT / "stderr").read_text())
     if name != "inertiad":
         return sum(line.startswith("(") for path in OUT.glob("*.log") for line in path.open())
     c = counters()
@@ -178,13 +183,13 @@ def print_latencies() -> None:
         print(f"  {line}")
 
 
-def latency(seconds: float) -> None:
-    process = start("inertiad", [*INERTIAD, "--record", OUT / "run.lcmlog"])
+def latency(seconds: float, collect: str) -> None:
+    process = start("inertiad", [*INERTIAD, "--record", "run.lcmlog", "--collect", collect])
     settle(process)
     end_flood(start_flood(LATENCY_RATE, seconds))
     settle(process)
     stop(process)
-    print(f"Latency from the kernel's stamp, three sensors at {LATENCY_RATE // 3} Hz, recorded and published:")
+    print(f"Latency from the kernel's stamp, three sensors at {LATENCY_RATE // 3} Hz, recorded, --collect {collect}:")
     print_latencies()
 
 
@@ -215,10 +220,14 @@ def main() -> None:
         os.environ["LD_PRELOAD"] = str(CAN_OVER_UDP)
     where = "UDP sockets in place of CAN" if o.over_udp else BUS
     print(f"CAN FD frames of 20 to 48 bytes, all decoded, {where}, {o.seconds:g} s at each rate:")
-    compare(climb(o.seconds))
-    latency(o.seconds)
-    if o.over_udp:
-        several_buses(o.seconds)
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        compare(climb(o.seconds))
+        for collect in ("0.005", "0"):
+            latency(o.seconds, collect)
+        if o.over_udp:
+            several_buses(o.seconds)
+        os.chdir(TOP)
 
 
 if __name__ == "__main__":

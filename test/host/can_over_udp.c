@@ -4,18 +4,20 @@
 /// Interface "vcanN" is a port; who sets an empty receive filter sends to it, who else binds receives from it, one at a
 /// time. Stamps, drop counters, batches and buffers are the kernel's as for CAN, so what a receiver costs is like on a
 /// vcan, where frames also pass from the sender's system call into the receiver's queue. Filters are not applied, and
-/// there are no error frames.
+/// there are no error frames. RECEIVE_BUFFER_MAX in the environment, bytes, is what an unprivileged process may have.
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE  // RTLD_NEXT
 #endif
 #include <arpa/inet.h>
 #include <dlfcn.h>
+#include <errno.h>
 #include <linux/can.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
 #include <stdarg.h>
 #include <stdbool.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
@@ -47,6 +49,15 @@ int socket(int domain, int type, int protocol)
 int setsockopt(int fd, int level, int name, const void* value, socklen_t size)
 {
     can_t* c = can_of(fd);
+    const char* most = c != NULL && level == SOL_SOCKET ? getenv("RECEIVE_BUFFER_MAX") : NULL;
+    if (most != NULL && name == SO_RCVBUFFORCE) {
+        errno = EPERM;
+        return -1;
+    }
+    if (most != NULL && name == SO_RCVBUF) {
+        const int n = atoi(most);
+        return REAL(setsockopt)(fd, level, name, &n, sizeof n);
+    }
     if (c == NULL || level != SOL_CAN_RAW) { return REAL(setsockopt)(fd, level, name, value, size); }
     if (name == CAN_RAW_FILTER && size == 0) { c->is_sender = true; }
     return 0;

@@ -68,6 +68,8 @@ def test_trap_sees_a_transport_that_does_allocate(trap, run, tmp_path):
     [
         (["--rt", "0"], '--rt: "0" is not a whole number from 1 to 99'),
         (["--rt", "fifo"], '--rt: "fifo" is not a whole number from 1 to 99'),
+        (["--collect", "0.2"], '--collect: "0.2" is not a number of seconds from 0 to 0.1'),
+        (["--collect", "nan"], '--collect: "nan" is not a number of seconds from 0 to 0.1'),
         (["--cpu", "-1"], '--cpu: "-1" is not a whole number from 0 to 1023'),
         (["--cpu", "1023"], "--cpu: 1023: no such processor"),
     ],
