@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Receive a bus without loss: inertiad (decode, estimate, record) beside candump -l, python-can's logger and, as what any
-reader of such a socket pays at least, drain, which throws everything away.
+"""Receive a bus without loss: inertiad (decode, estimate, record) beside candump -l, python-can's logger and, as what
+any reader of such a socket pays at least, drain, which throws everything away.
 
 Each receives alone what flood sends, at rates that double until it loses a frame or flood cannot send as fast. CPU time
 is the process's own from when it listens until it has read everything, so that no start-up counts; what it wrote tells
