@@ -5,9 +5,10 @@
 /// Numbers come from the sensor's counter, or samples are counted; a gap without counter may be lost samples or late
 /// ones, which only what follows can tell. Until then the samples are held:
 ///   stamps come back to the line                          they were late, none is missing
-///   four are late by the same whole number of periods     so many samples were lost
+///   four or more are late by the same number of periods   so many samples were lost: more, where stamps are seldom prompt
+///   a stamp is before its line                            fewer were lost than that
 ///   neither within 1 s and 64 samples                     the sensor changed its period or phase: measured again
-/// What cannot be told is dropped and counted, never believed. 100 B of state beside the clock, one thread.
+/// What cannot be told is dropped and counted, never believed. 120 B of state beside the clock, one thread.
 #ifndef IPE_PACE_H
 #define IPE_PACE_H
 
@@ -20,11 +21,16 @@ typedef struct {
     double period;        ///< s; 0: not measured yet
     uint64_t index;       ///< of the newest settled sample
     int n_waiting;        ///< newer samples, not settled; the newest IPE_PACE_HOLD of them are held
-    uint64_t n_missing;   ///< lost samples that would explain how late the newest is,
-    int n_agree;          ///< and the newest that agree on that
+    float prompt;         ///< share of the last hundred or so that came within half a period of their time
+    int n_missing;        ///< lost samples that would explain how late the least late of the newest are,
+    int n_since;          ///< so many of them,
+    int n_agree;          ///< of these so many are late by just that;
+    int last_missing;     ///< the same for the newest of all,
+    int n_same;           ///< and so many before it with the same result
     int64_t first_ns;     ///< while the period is measured: stamp of the first one waiting,
     int64_t last_ns;      ///< and of the last one
-    int n_irregular;      ///< intervals that did not fit
+    int n_irregular;      ///< intervals that did not fit,
+    float irregularity;   ///< and of the mean, how far off is the one of the others that is furthest off
 
     uint64_t n_lost;      ///< samples that gaps say were lost, where no counter tells; after long ones about
     uint64_t n_dropped;   ///< samples whose instant could not be told

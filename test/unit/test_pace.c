@@ -213,9 +213,27 @@ static void test_push_ragged_host_still_gets_most_samples(void)
     TEST_ASSERT_GREATER_THAN_INT(9000, result.n_settled);
 }
 
+/// Late by half a period on average, and now and then by several, as on a busy machine.
+static fate_t busy(int k, double period)
+{
+    (void)k;
+    return (fate_t){false, -0.5 * period * log(1.0 - uniform(&seed))};
+}
+
+static void test_push_busy_host_costs_few_samples(void)
+{
+    for (uint64_t trial = 1; trial <= 50; ++trial) {
+        setUp();                                                                // given
+        seed = trial;
+        feed(0.02, 30.0, 30.0, false, busy);                                    // when
+        TEST_ASSERT_GREATER_THAN_INT(result.n_sent * 3 / 4, result.n_settled);  // then
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_push_busy_host_costs_few_samples);
     RUN_TEST(test_push_regular_samples_are_all_settled_near_their_instants);
     RUN_TEST(test_push_bursts_after_stalls_are_retimed_or_dropped);
     RUN_TEST(test_push_lost_samples_do_not_shift_the_others);
