@@ -4,9 +4,9 @@
 build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
 build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
 frames late does not spoil the estimate;
-build/vcan/golden: 4 s of motion, with the daemon's own estimate.json in the run: what verify runs again, at
-50 Hz, so that the daemon's ring of samples outlasts the stalls of an emulated machine; beside it changed.cfg, which is
-not what the run's robot.toml compiles to;
+build/vcan/golden: 8 s of motion, longer than clocks take to settle on a host that stalls, with the daemon's own
+estimate.json in the run: what verify runs again, at 50 Hz, so that the daemon's ring of samples outlasts the stalls of an
+emulated machine; beside it changed.cfg, which is not what the run's robot.toml compiles to;
 build/vcan/devices: 30 s of real sensors on two buses, in one place, so that no tracker has to be played as well;
 build/vcan/faults: one run per fault of scenarios.py, laid out as frames with the time they are due.
 """
@@ -27,11 +27,11 @@ PATIENT = "\n[align]\nmax_wait = 2.0  # s: an emulated machine may take a while 
 
 
 def write_swing(path: Path) -> Path:
-    """4 s of motion in all six coordinates that starts and ends at rest."""
+    """8 s of motion in all six coordinates that starts and ends at rest."""
     amplitude = (0.25, 0.2, 0.12, 0.12, 0.12, 0.15)  # m, rad
     rows = ["t,x,y,z,roll,pitch,yaw"]
-    for t in (0.02 * k for k in range(201)):
-        ramp = math.sin(math.pi * t / 4.0) ** 4
+    for t in (0.02 * k for k in range(401)):
+        ramp = math.sin(math.pi * t / 8.0) ** 4
         pose = [a * ramp * math.sin(2.0 * math.pi * (0.35 + 0.05 * i) * t + i) for i, a in enumerate(amplitude)]
         pose[2] += 2.0
         rows.append(",".join(f"{value:.9f}" for value in (t, *pose)))
