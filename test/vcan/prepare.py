@@ -5,8 +5,8 @@ build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
 build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
 frames late does not spoil the estimate;
 build/vcan/golden: 8 s of motion, longer than clocks take to settle on a host that stalls, with the daemon's own
-estimate.json in the run: what verify runs again, at 50 Hz, so that the daemon's ring of samples outlasts the stalls of an
-emulated machine; beside it changed.cfg, which is not what the run's robot.toml compiles to;
+estimate.json in the run: what verify runs again, at 50 Hz, so that the daemon's ring of samples outlasts the stalls of
+an emulated machine; beside it changed.cfg, which is not what the run's robot.toml compiles to;
 build/vcan/devices: 30 s of real sensors on two buses, in one place, so that no tracker has to be played as well;
 build/vcan/faults: one run per fault of scenarios.py, laid out as frames with the time they are due.
 """
