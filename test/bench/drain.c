@@ -3,7 +3,7 @@
 ///
 ///   drain vcan0 SECONDS     batches of up to 64, SECONDS of gathering before each; says how many on stderr after SIGINT
 ///
-/// The socket has the daemon's options, so the kernel does the same for each frame.
+/// The socket has the daemon's options; stamps, which the kernel takes for each frame all the same, are not asked back.
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE  // recvmmsg()
 #endif
@@ -24,22 +24,6 @@ static void end(int number)
     is_over = 1;
 }
 
-/// Frames of a batch; waits for the first of them, or for a signal.
-static int receive(ipe_source_socketcan_t* s)
-{
-    struct iovec iov[IPE_SOCKETCAN_BATCH];
-    struct mmsghdr message[IPE_SOCKETCAN_BATCH] = {0};
-    for (int i = 0; i < IPE_SOCKETCAN_BATCH; ++i) {
-        iov[i] = (struct iovec){.iov_base = &s->wire[i], .iov_len = sizeof s->wire[i]};
-        message[i].msg_hdr = (struct msghdr){.msg_iov = &iov[i],
-                                             .msg_iovlen = 1,
-                                             .msg_control = s->control[i].bytes,
-                                             .msg_controllen = sizeof s->control[i].bytes};
-    }
-    const int n = recvmmsg(s->fd, message, IPE_SOCKETCAN_BATCH, MSG_WAITFORONE, NULL);
-    return n > 0 ? n : 0;
-}
-
 int main(int argc, char** argv)
 {
     static ipe_source_socketcan_t source;
@@ -54,12 +38,19 @@ int main(int argc, char** argv)
     }
     const struct timespec pause = {.tv_nsec = (long)(1e9 * atof(argv[2]))};
     const struct sigaction action = {.sa_handler = end};
+    struct iovec iov[IPE_SOCKETCAN_BATCH];
+    struct mmsghdr message[IPE_SOCKETCAN_BATCH] = {0};
     uint64_t n_frames = 0;
+    for (int i = 0; i < IPE_SOCKETCAN_BATCH; ++i) {
+        iov[i] = (struct iovec){&source.wire[i], sizeof source.wire[i]};
+        message[i].msg_hdr.msg_iov = &iov[i];
+        message[i].msg_hdr.msg_iovlen = 1;
+    }
     (void)sigaction(SIGINT, &action, NULL);
     (void)fcntl(source.fd, F_SETFL, 0);  // a batch is waited for
     while (!is_over) {
-        const int n = receive(&source);
-        n_frames += (uint64_t)n;
+        const int n = recvmmsg(source.fd, message, IPE_SOCKETCAN_BATCH, MSG_WAITFORONE, NULL);
+        n_frames += n > 0 ? (uint64_t)n : 0;
         if (n < IPE_SOCKETCAN_BATCH) { (void)nanosleep(&pause, NULL); }
     }
     (void)fprintf(stderr, "%" PRIu64 "\n", n_frames);
