@@ -4,7 +4,7 @@
 #include "flow.h"
 #include "health.h"
 #include "message.h"
-#include "settings.h"
+#include "config_diff.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
@@ -60,7 +60,7 @@ static answer_t tare(daemon_t* d)
 {
     double bias[3];
     const double* was = d->config.gyro_bias;
-    const char* reason = ipe_rest_read(&d->rest, flow_now(d), bias);
+    const char* reason = ipe_rest_detector_read(&d->rest, flow_now(d), bias);
     if (reason != NULL) { return answer(false, "%s", reason); }
     const answer_t a = answer(true, "gyro_bias = [%.6f, %.6f, %.6f] rad/s, was [%.6f, %.6f, %.6f]", bias[0], bias[1],
                               bias[2], was[0], was[1], was[2]);
@@ -98,15 +98,15 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
         !daemon_can_use(d, &config, text, sizeof text)) {
         return answer(false, "%s", text);
     }
-    const ipe_settings_t difference = ipe_settings_compare(&d->config, &config, text, sizeof text);
-    if (difference == IPE_SETTINGS_SAME) { return answer(true, "the same configuration, nothing changed"); }
+    const ipe_config_diff_t difference = ipe_config_diff_compare(&d->config, &config, text, sizeof text);
+    if (difference == IPE_CONFIG_DIFF_SAME) { return answer(true, "the same configuration, nothing changed"); }
     char reason[REASON_SIZE];
     if (ipe_pipeline_init(next, &config, reason, sizeof reason) != IPE_OK) { return answer(false, "%s", reason); }
-    switch_pipeline(d, next, difference == IPE_SETTINGS_LEARNT_HOLDS);
+    switch_pipeline(d, next, difference == IPE_CONFIG_DIFF_LEARNT_HOLDS);
     d->config = config;
     memcpy(d->config_bytes, command->config, command->n_config);
     d->n_config_bytes = command->n_config - IPE_CONFIG_CRC_BYTES;
-    ipe_rest_init(&d->rest);
+    ipe_rest_detector_init(&d->rest);
     spread_config(d);
     if (d->option.checkpoint != NULL) { ipe_checkpoint_configure(&d->checkpoint, d->config_bytes, d->n_config_bytes); }
     const char* deaf = NULL;
@@ -114,7 +114,7 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
         if (ipe_source_socketcan_filter(&d->interface[i], &d->config) != 0) { deaf = d->interface[i].interface; }
     }
     return answer(true, "%s changed; %s%s%s", text,
-                  difference == IPE_SETTINGS_LEARNT_HOLDS ? "what was learnt stays" : "starting from the prior",
+                  difference == IPE_CONFIG_DIFF_LEARNT_HOLDS ? "what was learnt stays" : "starting from the prior",
                   deaf == NULL ? "" : "; the new identifiers are not let through on ", deaf == NULL ? "" : deaf);
 }
 

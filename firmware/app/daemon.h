@@ -21,7 +21,7 @@
 #include "publish.h"
 #include "record.h"
 #include "replay.h"
-#include "rest.h"
+#include "rest_detector.h"
 #include "source_socketcan.h"
 
 #define NS_PER_S INT64_C(1000000000)
@@ -53,7 +53,7 @@ typedef struct {
     ipe_pipeline_t pipelines[2];
     ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
     ipe_learnt_t learnt;       ///< on its way from one to the other
-    ipe_rest_t rest;
+    ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;
     ipe_record_t recorder;

@@ -22,7 +22,7 @@ static void take_row(daemon_t* d, const ipe_row_t* row)
     if (d->first_row_ns == 0) { d->first_row_ns = row->t_ns; }
     d->last_row_ns = row->t_ns;
     d->publisher.n_input_dropped = health_dropped(d);
-    ipe_rest_push(&d->rest, row);
+    ipe_rest_detector_push(&d->rest, row);
     report_change(d, row->t_ns);
     ipe_publish_row(&d->publisher, row);
     const bool is_sent = ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate);

@@ -322,7 +322,7 @@ int daemon_open(daemon_t* d)
 {
     char reason[REASON_SIZE];
     d->pipeline = &d->pipelines[0];
-    ipe_rest_init(&d->rest);
+    ipe_rest_detector_init(&d->rest);
     ipe_host_clock_init(&d->clock, clock_gettime);
     open_notify(d);
     if (open_config(d) != 0) { return -1; }

@@ -24,7 +24,7 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
     a->position_source = config->position_source;
     memcpy(a->fixed_position, config->fixed_position, sizeof a->fixed_position);
     a->max_wait_ns = to_ns(config->max_wait);
-    ipe_carry_init(&a->carry, config);
+    ipe_dead_reckoning_init(&a->carry, config);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         a->max_age_ns[s] = to_ns(config->max_age[s]);
         a->delay_ns[s] = to_ns(config->delay[s]);
@@ -174,7 +174,7 @@ ipe_status_t ipe_align_hold(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
         ++a->n_backwards[sensor];
         return IPE_ERR_TIME;
     }
-    if (ring->n_held == IPE_PACE_HOLD) { ipe_align_settle(a, sensor, IPE_PACE_HOLD - 1, NULL); }
+    if (ring->n_held == IPE_SAMPLE_TIMING_HOLD) { ipe_align_settle(a, sensor, IPE_SAMPLE_TIMING_HOLD - 1, NULL); }
     open_place(a, sensor, ring->head);
     store(a, sensor, ring->head - 1, value, q);
     ring->t_ns[(ring->head - 1) % IPE_RING] = latest;
@@ -297,13 +297,13 @@ static search_t find_position(ipe_align_t* a, int64_t t_ns, search_t found, doub
         return FOUND;
     }
     const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
-    ipe_carry_advance(&a->carry, t_ns, imu, imu + 6);
+    ipe_dead_reckoning_advance(&a->carry, t_ns, imu, imu + 6);
     if (found == FOUND) {
         interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, position);
-        ipe_carry_learn(&a->carry, a->ring[IPE_POSITION].cursor, position);
+        ipe_dead_reckoning_learn(&a->carry, a->ring[IPE_POSITION].cursor, position);
         return FOUND;
     }
-    return ipe_carry_read(&a->carry, position) ? CARRIED : found;
+    return ipe_dead_reckoning_read(&a->carry, position) ? CARRIED : found;
 }
 
 static void count(ipe_align_t* a, ipe_sensor_t sensor, search_t found)

@@ -3,7 +3,7 @@
 ///
 /// A row waits until force and position reach past its instant, at most max_wait; they are interpolated there by a cubic
 /// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. A position that
-/// is not there is carried on from those before (carry.h). What a row could not get is counted by cause and the row is
+/// is not there is carried on from those before (dead_reckoning.h). What a row could not get is counted by cause and the row is
 /// dropped: a row is whole or it does not exist. Rows wait no longer than the ring has room.
 /// A sample may come up to 8 samples late if no row has used its neighbours yet. Samples whose instant is not known yet are
 /// held in the ring; rows wait for them as for samples that have not come.
@@ -12,10 +12,10 @@
 #ifndef IPE_ALIGN_H
 #define IPE_ALIGN_H
 
-#include "carry.h"
+#include "dead_reckoning.h"
 #include "config.h"
-#include "group.h"
-#include "pace.h"
+#include "sample_assembler.h"
+#include "sample_timing.h"
 #include "types.h"
 
 enum { IPE_RING = 96 };
@@ -41,7 +41,7 @@ typedef struct {
     double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
-    ipe_carry_t carry;
+    ipe_dead_reckoning_t carry;
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
@@ -64,8 +64,8 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config);
 /// IPE_OK; IPE_ERR_TIME, IPE_ERR_NONFINITE, IPE_ERR_RANGE (quaternion): refused and counted, nothing else changed.
 ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
 
-/// Take one sample that was taken before host time t_ns, its stamp, but it is not known when. At most IPE_PACE_HOLD are
-/// kept, older ones drop out (ipe_pace_t counts). Status as of ipe_align_push().
+/// Take one sample that was taken before host time t_ns, its stamp, but it is not known when. At most IPE_SAMPLE_TIMING_HOLD are
+/// kept, older ones drop out (ipe_sample_timing_t counts). Status as of ipe_align_push().
 ipe_status_t ipe_align_hold(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
 
 /// The newest n samples held were taken at host times t_ns [n], oldest first; older ones are dropped.

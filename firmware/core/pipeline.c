@@ -57,18 +57,18 @@ static void prior_at_imu(const ipe_config_t* k, double theta[IPE_NP], double P[I
     ipe_body_shift(to_imu, theta, P);
 }
 
-/// States: theta about the IMU, then what states.h has, all zero so far.
+/// States: theta about the IMU, then what filter_states.h has, all zero so far.
 static ipe_status_t init_filter(ipe_pipeline_t* p)
 {
     const ipe_config_t* k = &p->config;
     double theta[IPE_NP], P[IPE_NP][IPE_NP], std[IPE_NX_MAX - IPE_NP];
     prior_at_imu(k, theta, P);
-    ipe_states_init(&p->states);
-    ipe_states_std(k, std);
-    ipe_detect_init(&p->detect);
+    ipe_filter_states_init(&p->states);
+    ipe_filter_states_std(k, std);
+    ipe_change_detector_init(&p->detect);
     memset(&p->attenuation, 0, sizeof p->attenuation);
     if (ipe_noise_init(&p->noise, k->residual_covariance) != IPE_OK) { return IPE_ERR_CONFIG; }
-    return ipe_rls_init(&p->rls, theta, P, ipe_states_count(k->n_cables) - IPE_NP, std);
+    return ipe_rls_init(&p->rls, theta, P, ipe_filter_states_count(k->n_cables) - IPE_NP, std);
 }
 
 ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size)
@@ -79,11 +79,11 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
     p->config = *config;
     ipe_decode_init(&p->decode, &p->config);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        ipe_group_init(&p->group[s], (ipe_sensor_t)s, &p->config);
+        ipe_sample_assembler_init(&p->group[s], (ipe_sensor_t)s, &p->config);
         ipe_clock_init(&p->clock[s], ipe_config_wrap(&p->config, IPE_Q_IMU_TIME + s), IPE_CLOCK_RATE_SPAN);
-        ipe_pace_init(&p->pace[s]);
+        ipe_sample_timing_init(&p->pace[s]);
     }
-    ipe_stuck_init(&p->stuck, &p->config);
+    ipe_stuck_sensor_init(&p->stuck, &p->config);
     ipe_align_init(&p->align, &p->config);
     ipe_wrench_init(&p->wrench, &p->config);
     ipe_window_init(&p->window, &p->config);
@@ -104,20 +104,20 @@ static ipe_status_t refuse(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_rea
 /// A sample without device time: its instant comes from the pace of those around it.
 static ipe_status_t push_untimed(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
 {
-    int64_t t_ns[IPE_PACE_HOLD];
+    int64_t t_ns[IPE_SAMPLE_TIMING_HOLD];
     const ipe_status_t status = ipe_align_hold(&p->align, sensor, reading->t_ns, reading->value);
     if (status != IPE_OK) { return refuse(p, sensor, reading, status); }
     const uint64_t step = reading->step > 0 ? reading->step + p->n_unpaced[sensor] : 0;
     p->n_unpaced[sensor] = 0;
-    const int n = ipe_pace_push(&p->pace[sensor], &p->clock[sensor], reading->t_ns, step);
-    for (int i = 0; i < n; ++i) { t_ns[i] = ipe_pace_instant(&p->pace[sensor], &p->clock[sensor], n - 1 - i); }
+    const int n = ipe_sample_timing_push(&p->pace[sensor], &p->clock[sensor], reading->t_ns, step);
+    for (int i = 0; i < n; ++i) { t_ns[i] = ipe_sample_timing_instant(&p->pace[sensor], &p->clock[sensor], n - 1 - i); }
     if (n > 0) { ipe_align_settle(&p->align, sensor, n, t_ns); }
     return IPE_OK;
 }
 
 static ipe_status_t push_reading(ipe_pipeline_t* p, ipe_sensor_t sensor, const ipe_reading_t* reading)
 {
-    if (ipe_stuck_push(&p->stuck, sensor, reading->t_ns, reading->value)) {
+    if (ipe_stuck_sensor_push(&p->stuck, sensor, reading->t_ns, reading->value)) {
         return refuse(p, sensor, reading, IPE_ERR_RANGE);
     }
     if (!reading->has_device_time) { return push_untimed(p, sensor, reading); }
@@ -132,8 +132,10 @@ ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame
     ipe_status_t status = ipe_decode_frame(&p->decode, frame, &sample);  // CAN frame -> values
     if (status != IPE_OK) { return status; }
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        if (ipe_group_push(&p->group[s], &sample, &reading) != IPE_OK) { continue; }  // values -> whole sample
-        const ipe_status_t pushed = push_reading(p, (ipe_sensor_t)s, &reading);       // device -> host time, ring
+        if (ipe_sample_assembler_push(&p->group[s], &sample, &reading) != IPE_OK) {
+            continue;
+        }                                                                        // values -> whole sample
+        const ipe_status_t pushed = push_reading(p, (ipe_sensor_t)s, &reading);  // device -> host time, ring
         if (pushed != IPE_OK) { status = pushed; }
     }
     return status;
@@ -141,14 +143,14 @@ ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame
 
 ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const double position[3])
 {
-    if (ipe_stuck_push(&p->stuck, IPE_POSITION, t_ns, position)) { return IPE_ERR_RANGE; }
+    if (ipe_stuck_sensor_push(&p->stuck, IPE_POSITION, t_ns, position)) { return IPE_ERR_RANGE; }
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }
 
 /// Use, hold back or take as a change of payload. Until the noise is known nothing can be told from it.
-static ipe_detect_verdict_t judge(ipe_pipeline_t* p, double nis)
+static ipe_change_detector_verdict_t judge(ipe_pipeline_t* p, double nis)
 {
-    return p->noise.n_summed < LEARNING_WINDOWS ? IPE_DETECT_USE : ipe_detect_push(&p->detect, nis);
+    return p->noise.n_summed < LEARNING_WINDOWS ? IPE_CHANGE_DETECTOR_USE : ipe_change_detector_push(&p->detect, nis);
 }
 
 /// Equations of one window in the filter's states, and those states at its time.
@@ -157,8 +159,8 @@ static ipe_status_t build_equations(ipe_pipeline_t* p, const ipe_average_t* aver
     double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
     ipe_regressor(average->s, average->ww, average->alpha, Y);
     if (ipe_systematic_columns(&p->config, average, p->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
-    ipe_states_rows(&p->states, &p->config, Y, X, H);
-    ipe_states_advance(&p->states, &p->config, average->t_ns, &p->rls);
+    ipe_filter_states_rows(&p->states, &p->config, Y, X, H);
+    ipe_filter_states_advance(&p->states, &p->config, average->t_ns, &p->rls);
     return IPE_OK;
 }
 
@@ -170,7 +172,7 @@ static void loosen_theta(ipe_pipeline_t* p)
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&p->rls, i, std[i] * std[i]); }
     memset(&p->attenuation, 0, sizeof p->attenuation);
     ipe_noise_restart(&p->noise);
-    ipe_still_restart(&p->still);
+    ipe_pose_dwell_restart(&p->still);
 }
 
 /// Fold the prior in again with the weight that forgetting took from it, so that P never exceeds it.
@@ -179,7 +181,7 @@ static void fold_prior(ipe_pipeline_t* p, double weight)
     double row[IPE_NX_MAX], std[IPE_NX_MAX - IPE_NP], theta[IPE_NP], P[IPE_NP][IPE_NP], rows[IPE_NP][IPE_NP];
     prior_at_imu(&p->config, theta, P);
     if (!prior_rows(P, rows)) { return; }
-    ipe_states_std(&p->config, std);
+    ipe_filter_states_std(&p->config, std);
     for (int i = 0; i < p->rls.n; ++i) {
         double y = 0.0;
         memset(row, 0, sizeof row);
@@ -201,7 +203,7 @@ static void forget(ipe_pipeline_t* p, double hop)
     if (p->config.memory == 0.0) { return; }
     const double lambda = exp(-hop / p->config.memory);
     ipe_rls_forget(&p->rls, lambda);
-    ipe_attenuation_forget(&p->attenuation, lambda);
+    ipe_eiv_correction_forget(&p->attenuation, lambda);
     if (++p->n_excited % PRIOR_INTERVAL == 0) { fold_prior(p, sqrt(1.0 - pow(lambda, PRIOR_INTERVAL))); }
 }
 
@@ -235,8 +237,8 @@ static void undo_attenuation(const ipe_pipeline_t* p, double theta[IPE_NP], doub
 {
     double C[IPE_NP][IPE_NP] = {{0.0}}, prior_theta[IPE_NP], prior[IPE_NP][IPE_NP];
     prior_at_imu(&p->config, prior_theta, prior);
-    ipe_attenuation_information(&p->attenuation, p->noise.L, ipe_noise_level(&p->noise), C);
-    ipe_attenuation_undo((const double (*)[IPE_NP])C, prior_theta, (const double (*)[IPE_NP])prior, theta, P);
+    ipe_eiv_correction_information(&p->attenuation, p->noise.L, ipe_noise_level(&p->noise), C);
+    ipe_eiv_correction_undo((const double (*)[IPE_NP])C, prior_theta, (const double (*)[IPE_NP])prior, theta, P);
 }
 
 /// The estimate about P from the filter's state about the IMU. False, estimate untouched, if it is no number or no body.
@@ -270,21 +272,21 @@ static bool make_estimate(const ipe_pipeline_t* p, const ipe_average_t* average,
 static ipe_status_t update_filter(ipe_pipeline_t* p, const ipe_average_t* average, double* nis)
 {
     double H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], unused;
-    const int n_rest = ipe_still_push(&p->still, &p->config, average);
+    const int n_rest = ipe_pose_dwell_push(&p->still, &p->config, average);
     ipe_status_t status = build_equations(p, average, H);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&p->rls, H, average->y, innovation, S);
-    *nis = ipe_detect_nis(innovation, S, p->noise.L);
+    *nis = ipe_change_detector_nis(innovation, S, p->noise.L);
     if (n_rest > REST_WINDOWS && !(*nis > REST_NIS)) { return IPE_OK; }
-    const ipe_detect_verdict_t verdict = judge(p, *nis);  // innovation -> same payload?
-    if (verdict == IPE_DETECT_HOLD) { return IPE_NOT_READY; }
-    if (verdict == IPE_DETECT_CHANGE) { loosen_theta(p); }
+    const ipe_change_detector_verdict_t verdict = judge(p, *nis);  // innovation -> same payload?
+    if (verdict == IPE_CHANGE_DETECTOR_HOLD) { return IPE_NOT_READY; }
+    if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_theta(p); }
     if (n_rest == 0) { forget(p, 0.25 * average->length); }
-    ipe_states_quiet_gains(&p->config, average->f, innovation, S, p->noise.L, H);
+    ipe_filter_states_denoise_gain_columns(&p->config, average->f, innovation, S, p->noise.L, H);
     status = ipe_rls_update(&p->rls, H, average->y, p->noise.L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
-    ipe_attenuation_add(&p->attenuation, average, ipe_noise_level(&p->noise));
-    if (verdict == IPE_DETECT_USE) { ipe_noise_push(&p->noise, innovation, S); }
+    ipe_eiv_correction_add(&p->attenuation, average, ipe_noise_level(&p->noise));
+    if (verdict == IPE_CHANGE_DETECTOR_USE) { ipe_noise_push(&p->noise, innovation, S); }
     return IPE_OK;
 }
 
@@ -336,7 +338,7 @@ void ipe_pipeline_flush(ipe_pipeline_t* p)
 {
     p->align.is_ending = true;
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        ipe_pace_end(&p->pace[s]);
+        ipe_sample_timing_end(&p->pace[s]);
         ipe_align_settle(&p->align, (ipe_sensor_t)s, 0, NULL);
     }
 }
@@ -352,7 +354,7 @@ void ipe_pipeline_reset(ipe_pipeline_t* p)
     (void)init_filter(p);  // cannot fail: it did not with the same configuration
     memset(&p->estimate, 0, sizeof p->estimate);
     p->n_excited = 0;
-    ipe_still_restart(&p->still);
+    ipe_pose_dwell_restart(&p->still);
 }
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])

@@ -9,19 +9,19 @@
 #define IPE_PIPELINE_H
 
 #include "align.h"
-#include "attenuation.h"
+#include "eiv_correction.h"
 #include "body.h"
 #include "clock.h"
 #include "config.h"
 #include "decode.h"
-#include "detect.h"
-#include "group.h"
+#include "change_detector.h"
+#include "sample_assembler.h"
 #include "noise.h"
-#include "pace.h"
+#include "sample_timing.h"
 #include "rls.h"
-#include "states.h"
-#include "still.h"
-#include "stuck.h"
+#include "filter_states.h"
+#include "pose_dwell.h"
+#include "stuck_sensor.h"
 #include "types.h"
 #include "window.h"
 #include "wrench.h"
@@ -45,11 +45,11 @@ typedef struct {
 
 /// What was learnt from the data: kept by a checkpoint, and when settings change that do not touch it.
 typedef struct {
-    ipe_states_t states;
+    ipe_filter_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
-    ipe_attenuation_t attenuation;
-    ipe_detect_t detect;
+    ipe_eiv_correction_t attenuation;
+    ipe_change_detector_t detect;
     double gyro_bias[3];  ///< as configured or tared, I axes, rad/s
     uint64_t n_excited, n_rows, n_refused;
     ipe_estimate_t estimate;
@@ -59,20 +59,20 @@ typedef struct {
 typedef struct {
     ipe_config_t config;
     ipe_decode_t decode;
-    ipe_group_t group[IPE_SENSOR_COUNT];
+    ipe_sample_assembler_t group[IPE_SENSOR_COUNT];
     ipe_clock_t clock[IPE_SENSOR_COUNT];
-    ipe_pace_t pace[IPE_SENSOR_COUNT];
+    ipe_sample_timing_t pace[IPE_SENSOR_COUNT];
     uint64_t n_unpaced[IPE_SENSOR_COUNT];  ///< steps of refused samples, which the pace did not see yet
-    ipe_stuck_t stuck;
+    ipe_stuck_sensor_t stuck;
     ipe_align_t align;
     ipe_wrench_stage_t wrench;
     ipe_window_t window;
-    ipe_states_t states;
+    ipe_filter_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
-    ipe_attenuation_t attenuation;
-    ipe_detect_t detect;
-    ipe_still_t still;
+    ipe_eiv_correction_t attenuation;
+    ipe_change_detector_t detect;
+    ipe_pose_dwell_t still;
     uint64_t n_excited;    ///< windows not at rest
     ipe_estimate_t estimate;
     uint64_t n_unsettled;  ///< rows refused: a clock was not known well yet

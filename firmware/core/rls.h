@@ -16,7 +16,7 @@
 #include "types.h"
 
 enum {
-    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX + 9,  ///< theta, the systematic parameters, what else states.h has
+    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX + 9,  ///< theta, the systematic parameters, what else filter_states.h has
     IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,
 };
 

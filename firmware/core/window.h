@@ -15,7 +15,7 @@
 
 #include "config.h"
 #include "types.h"
-#include "white.h"
+#include "noise_density.h"
 
 enum {
     IPE_WINDOWS_OPEN = 4,
@@ -85,7 +85,7 @@ typedef struct {
     int n_measured;                            ///< intervals seen while measuring the period
     union {
         double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
-        ipe_white_t white;                     ///< once the period is known: noise of s and w
+        ipe_noise_density_t white;             ///< once the period is known: noise of s and w
     };
 
     uint64_t n_rows;       ///< taken in

@@ -195,7 +195,7 @@ std::size_t bytes_in_use(const ipe_rls_t& s)
 void noise(Feed& feed, uint64_t n_windows)
 {
     for (std::size_t i = 0; feed.state.window.n_windows < n_windows; ++i) { feed.push(i); }
-    const ipe_detect_t& d = feed.state.detect;
+    const ipe_change_detector_t& d = feed.state.detect;
     std::printf("hours %.3f\n", static_cast<double>(n_windows) * 0.25 * feed.state.window.length / 3600.0);
     std::printf("n_changes %llu\n", static_cast<unsigned long long>(d.n_changes));
     std::printf("n_held %llu\n", static_cast<unsigned long long>(d.n_held));

@@ -98,10 +98,10 @@ static void decode_all(void)
 static void group_all(void)
 {
     static ipe_decode_t decode;
-    static ipe_group_t group[IPE_SENSOR_COUNT];
+    static ipe_sample_assembler_t group[IPE_SENSOR_COUNT];
     ipe_sample_t sample;
     ipe_decode_init(&decode, &config);
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { ipe_group_init(&group[s], (ipe_sensor_t)s, &config); }
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { ipe_sample_assembler_init(&group[s], (ipe_sensor_t)s, &config); }
     n_arrivals = 0;
     for (size_t i = 0; i < n_items; ++i) {
         if (!item[i].is_frame) {
@@ -112,7 +112,7 @@ static void group_all(void)
         } else if (ipe_decode_frame(&decode, &item[i].frame, &sample) == IPE_OK) {
             for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
                 arrival[n_arrivals].sensor = (ipe_sensor_t)s;
-                n_arrivals += ipe_group_push(&group[s], &sample, &arrival[n_arrivals].reading) == IPE_OK;
+                n_arrivals += ipe_sample_assembler_push(&group[s], &sample, &arrival[n_arrivals].reading) == IPE_OK;
             }
         }
     }

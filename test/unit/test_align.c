@@ -311,13 +311,13 @@ static void test_settle_between_samples_in_place_is_refused_and_counted(void)
 static void test_hold_keeps_no_more_than_it_should(void)
 {
     const double value[IPE_CABLES_MAX] = {0.0};  // given
-    int64_t instant[IPE_PACE_HOLD];
+    int64_t instant[IPE_SAMPLE_TIMING_HOLD];
     (void)push_force(0);
     for (int k = 1; k <= 200; ++k) { (void)ipe_align_hold(&align, IPE_FORCE, k * MS, value); }  // when
-    for (int k = 0; k < IPE_PACE_HOLD; ++k) { instant[k] = (200 - IPE_PACE_HOLD + 1 + k) * MS; }
-    ipe_align_settle(&align, IPE_FORCE, IPE_PACE_HOLD, instant);
-    TEST_ASSERT_EQUAL_UINT64(IPE_PACE_HOLD + 1, align.n_samples[IPE_FORCE]);  // then
-    TEST_ASSERT_EQUAL_UINT64(IPE_PACE_HOLD + 1, align.ring[IPE_FORCE].head);
+    for (int k = 0; k < IPE_SAMPLE_TIMING_HOLD; ++k) { instant[k] = (200 - IPE_SAMPLE_TIMING_HOLD + 1 + k) * MS; }
+    ipe_align_settle(&align, IPE_FORCE, IPE_SAMPLE_TIMING_HOLD, instant);
+    TEST_ASSERT_EQUAL_UINT64(IPE_SAMPLE_TIMING_HOLD + 1, align.n_samples[IPE_FORCE]);  // then
+    TEST_ASSERT_EQUAL_UINT64(IPE_SAMPLE_TIMING_HOLD + 1, align.ring[IPE_FORCE].head);
 }
 
 static void test_push_big_step_back_restarts_sensor(void)

@@ -306,13 +306,14 @@ inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, 
     inertiad::Covariance P = Eigen::Map<const inertiad::Covariance>(&k.prior_covariance[0][0]);
     ipe_body_shift(to_imu.data(), theta.data(), inertiad::as_array(P));
     double std[IPE_NX_MAX - IPE_NP];
-    ipe_states_std(&k, std);
-    ipe_states_t states;
+    ipe_filter_states_std(&k, std);
+    ipe_filter_states_t states;
     ipe_rls_t rls;
     ipe_noise_t noise;
-    ipe_states_init(&states);
+    ipe_filter_states_init(&states);
     if (ipe_noise_init(&noise, k.residual_covariance) != IPE_OK ||
-        ipe_rls_init(&rls, theta.data(), inertiad::as_array(P), ipe_states_count(k.n_cables) - IPE_NP, std) != IPE_OK) {
+        ipe_rls_init(&rls, theta.data(), inertiad::as_array(P), ipe_filter_states_count(k.n_cables) - IPE_NP, std) !=
+            IPE_OK) {
         throw std::invalid_argument("config: the filter refuses its prior");
     }
     for (std::size_t i = 0; i < H.shape(0); ++i) {
@@ -324,9 +325,9 @@ inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, 
             std::copy_n(row, IPE_NP, Y[j]);
             std::transform(row + IPE_NP, row + n_x, X[j], std::negate<>());
         }
-        ipe_states_rows(&states, &k, Y, X, rows);
-        ipe_states_advance(&states, &k, 1 + static_cast<int64_t>(2.5e8 * k.window_length * static_cast<double>(i)),
-                           &rls);
+        ipe_filter_states_rows(&states, &k, Y, X, rows);
+        ipe_filter_states_advance(&states, &k,
+                                  1 + static_cast<int64_t>(2.5e8 * k.window_length * static_cast<double>(i)), &rls);
         ipe_rls_innovation(&rls, rows, y_i, innovation, S);
         if (ipe_rls_update(&rls, rows, y_i, noise.L, &nis) != IPE_OK) {
             throw std::invalid_argument("H, y: NaN or Inf");

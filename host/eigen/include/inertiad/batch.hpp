@@ -10,7 +10,7 @@
 /// renewed during the first steps.
 /// As soon as xi is estimated two more errors are modelled: where the attachments really are, known to std_geometry, is
 /// unknown too, else a millimetre of it would pass for newtons of offset; and the attitude wanders about its bias, see
-/// states.h: a Kalman filter of that alone takes it out of the rows, which then are as independent as their noise. Known
+/// filter_states.h: a Kalman filter of that alone takes it out of the rows, which then are as independent as their noise. Known
 /// differences of mass between groups are rows of their own, and so is what a gyro's mean says of its bias beside the
 /// attitude. Heap: as much as the data need. No state, any thread.
 #pragma once
@@ -21,8 +21,8 @@
 #include "windows.hpp"
 
 extern "C" {
-#include "attenuation.h"
-#include "still.h"
+#include "eiv_correction.h"
+#include "pose_dwell.h"
 }
 
 #include <Eigen/Cholesky>
@@ -111,14 +111,16 @@ struct Equations {
     }
 };
 
-/// At rest, as the platform has it (still.h), rate and acceleration are sensor noise: taken as they are they would wear
+/// At rest, as the platform has it (pose_dwell.h), rate and acceleration are sensor noise: taken as they are they would wear
 /// the inertia down. Only where rest prevails: few such windows do no harm, and a slow start taken for rest would.
 inline void gate_rest(const Config& config, Linearised& run)
 {
-    ipe_still_t still;
-    ipe_still_restart(&still);
+    ipe_pose_dwell_t still;
+    ipe_pose_dwell_restart(&still);
     run.is_rest.clear();
-    for (const ipe_average_t& a : run.window) { run.is_rest.push_back(ipe_still_push(&still, &config.c(), &a) > 0); }
+    for (const ipe_average_t& a : run.window) {
+        run.is_rest.push_back(ipe_pose_dwell_push(&still, &config.c(), &a) > 0);
+    }
     const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
     for (std::size_t k = 0; k < run.window.size() && 2 * n_rest > run.window.size(); ++k) {
         if (!run.is_rest[k]) { continue; }
@@ -489,7 +491,7 @@ struct Problem {
     void note(const Linearised& run, std::size_t r, const Equations& measured)
     {
         attenuation[r] = {};
-        for (const ipe_average_t& a : run.window) { ipe_attenuation_add(&attenuation[r], &a, 1.0); }
+        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&attenuation[r], &a, 1.0); }
         if (runs[r].derived.force) { std::fill_n(attenuation[r].sum, 3, 0.0F); }  // smoothed in Y instead
         if (runs[r].derived.rate) { std::fill_n(attenuation[r].sum + 3, 3, 0.0F); }
         Vector6 sum = Vector6::Zero();
@@ -520,14 +522,14 @@ struct Problem {
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
-    std::vector<ipe_attenuation_t> attenuation;  ///< of the runs' regressors
+    std::vector<ipe_eiv_correction_t> attenuation;  ///< of the runs' regressors
     double n_told =
         0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };
 
-/// Take what noise in the regressors of a group's runs pretended to know out of theta and P, about the IMU (attenuation.h);
+/// Take what noise in the regressors of a group's runs pretended to know out of theta and P, about the IMU (eiv_correction.h);
 /// the plain fit stays the plain fit.
 inline void undo_attenuation(const Problem& problem, int group, Theta& theta, Covariance& P)
 {
@@ -537,9 +539,9 @@ inline void undo_attenuation(const Problem& problem, int group, Theta& theta, Co
     for (std::size_t r = 0; r < problem.runs.size(); ++r) {
         if (problem.runs[r].group != group) { continue; }
         Matrix6 L = problem.V[r].llt().matrixL();
-        ipe_attenuation_information(&problem.attenuation[r], as_array(L), 1.0, as_array(C));
+        ipe_eiv_correction_information(&problem.attenuation[r], as_array(L), 1.0, as_array(C));
     }
-    ipe_attenuation_undo(as_array(C), mean.data(), as_array(prior), theta.data(), as_array(P));
+    ipe_eiv_correction_undo(as_array(C), mean.data(), as_array(prior), theta.data(), as_array(P));
 }
 
 /// What is published about one group's body, by the rules of pipeline.c.

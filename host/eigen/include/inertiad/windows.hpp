@@ -9,7 +9,7 @@
 #include <vector>
 
 extern "C" {
-#include "states.h"
+#include "filter_states.h"
 #include "systematic.h"
 #include "window.h"
 #include "wrench.h"

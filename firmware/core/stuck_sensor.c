@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "stuck_sensor.h"
+
+#include <math.h>
+#include <string.h>
+
+#define STUCK_NS 250000000LL     // unchanged for this long
+#define STUCK_SAMPLES 8          // and so many samples
+#define SMOOTHING_S 0.2F         // of the specific force
+#define SETTLED_NS 1000000000LL  // then it is a mean
+#define MOVED 0.2F               // m/s2
+#define RESOLUTION_STEPS 4.0     // of a force signal that the motion must be worth
+#define FORCES_MOVED 0.05F       // of their sum
+
+void ipe_stuck_sensor_init(ipe_stuck_sensor_t* k, const ipe_config_t* config)
+{
+    memset(k, 0, sizeof *k);
+    k->n_cables = config->n_cables;
+    k->n_imu = config->attitude_source == IPE_ATTITUDE_RPY ? 9 : 10;
+    for (int i = 0; i < k->n_cables; ++i) { k->threshold[i] = MOVED; }
+    for (int i = 0; i < config->n_signals; ++i) {
+        const ipe_signal_t* s = &config->signal[i];
+        const int cable = s->quantity - IPE_Q_F_1;
+        if (cable < 0 || cable >= k->n_cables || s->kind != IPE_INTEGER || config->prior_theta[0] <= 0.0) { continue; }
+        const double per_newton = k->n_cables / config->prior_theta[0];
+        k->threshold[cable] = fmaxf(MOVED, (float)(RESOLUTION_STEPS * fabs(s->scale) * per_newton));
+    }
+}
+
+static float distance(const float a[3], const float b[3])
+{
+    return sqrtf((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+static float size(const float a[3])
+{
+    return sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+}
+
+/// From now on motion is what differs from the specific force of this moment.
+static void refer(const ipe_stuck_sensor_t* k, ipe_stuck_sensor_channel_t* c)
+{
+    memcpy(c->reference, k->acc, sizeof c->reference);
+    c->lag = distance(k->acc, k->imu);
+}
+
+/// Note whether a channel changed. True if it should have and did not.
+static bool watch(ipe_stuck_sensor_t* k, int channel, int64_t t_ns, const double* value, float* last, int n)
+{
+    ipe_stuck_sensor_channel_t* c = &k->channel[channel];
+    bool is_same = c->n_same > 0;
+    for (int i = 0; i < n; ++i) {
+        is_same = is_same && last[i] == (float)value[i];
+        last[i] = (float)value[i];
+    }
+    if (!is_same || t_ns < c->since_ns) {
+        *c = (ipe_stuck_sensor_channel_t){.since_ns = t_ns, .n_same = 1};
+        if (k->acc_ns - k->acc_since_ns >= SETTLED_NS) { refer(k, c); }
+        return false;
+    }
+    c->n_same += c->n_same < STUCK_SAMPLES;
+    return c->has_moved && c->n_same >= STUCK_SAMPLES && t_ns - c->since_ns > STUCK_NS;
+}
+
+/// What does the specific force say of the others? A reference is taken when there is something to compare.
+static void note_motion(ipe_stuck_sensor_t* k, int64_t t_ns)
+{
+    if (k->acc_ns == 0) { k->acc_since_ns = t_ns; }
+    const float share = k->acc_ns == 0 ? 1.0F : 1e-9F * (float)(t_ns - k->acc_ns) / SMOOTHING_S;
+    for (int i = 0; i < 3; ++i) { k->acc[i] += fminf(fmaxf(share, 0.0F), 1.0F) * (k->imu[i] - k->acc[i]); }
+    k->acc_ns = t_ns;
+    if (t_ns - k->acc_since_ns < SETTLED_NS) { return; }
+    for (int i = 0; i < k->n_cables; ++i) {
+        ipe_stuck_sensor_channel_t* c = &k->channel[i];
+        if (size(c->reference) == 0.0F) { refer(k, c); }
+        c->has_moved |= distance(k->acc, c->reference) > k->threshold[i] + c->lag;
+    }
+    ipe_stuck_sensor_channel_t* position = &k->channel[IPE_STUCK_SENSOR_POSITION];
+    if (size(position->reference) == 0.0F) { refer(k, position); }
+    position->has_moved |= fabsf(size(k->acc) - size(position->reference)) > MOVED + position->lag;
+}
+
+static void note_forces(ipe_stuck_sensor_t* k)
+{
+    float change = 0.0F, sum = 0.0F;
+    for (int i = 0; i < k->n_cables; ++i) {
+        change += fabsf(k->f[i] - k->f_reference[i]);
+        sum += fabsf(k->f_reference[i]);
+    }
+    if (sum == 0.0F) { memcpy(k->f_reference, k->f, sizeof k->f_reference); }
+    k->channel[IPE_STUCK_SENSOR_IMU].has_moved |= sum > 0.0F && change > FORCES_MOVED * sum;
+}
+
+bool ipe_stuck_sensor_push(ipe_stuck_sensor_t* k, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+{
+    bool is_stuck = false;
+    switch (sensor) {
+    case IPE_IMU:
+        is_stuck = watch(k, IPE_STUCK_SENSOR_IMU, t_ns, value, k->imu, k->n_imu);
+        if (k->channel[IPE_STUCK_SENSOR_IMU].n_same == 1) { memcpy(k->f_reference, k->f, sizeof k->f_reference); }
+        note_motion(k, t_ns);
+        break;
+    case IPE_FORCE:
+        for (int i = 0; i < k->n_cables; ++i) { is_stuck |= watch(k, i, t_ns, &value[i], &k->f[i], 1); }
+        note_forces(k);
+        break;
+    default: is_stuck = watch(k, IPE_STUCK_SENSOR_POSITION, t_ns, value, k->position, 3); break;
+    }
+    k->n_stuck[sensor] += is_stuck;
+    return is_stuck;
+}
