@@ -9,6 +9,7 @@ from typing import Any
 import motions
 import numpy as np
 from courses import follow, shrunk
+from elastic import release
 from robots import ROBOTS, Body, G, Robot, built_body, design_body
 from sensors import Draws, Faults, Readings, read, true_geometry
 
@@ -112,8 +113,6 @@ def play(scene: Scene, robot_name: str, seed: int) -> tuple[Robot, Readings, dic
         draws.dice, kept = np.random.default_rng(outside_seed), draws.dice
         try:
             if robot.is_elastic or scene.faults.cable_inertia or scene.faults.slack:
-                from elastic import release
-
                 return release(robot, bodies, change, motion, geometry, scene.faults, draws)
             return follow(robot, bodies, change, motion, geometry, scene.faults, draws)
         finally:

@@ -19,6 +19,8 @@ class Motion:
 
     duration: float
     spline: BSpline
+    is_released: bool = False
+    """it starts with a push, and the winches stay locked"""
 
     def pose(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """p [N, 3] and R [N, 3, 3] = Rz(yaw) Ry(pitch) Rx(roll), body to world."""
@@ -144,4 +146,4 @@ def make(name: str, robot: Robot, duration: float, dice: np.random.Generator, sc
     x = np.zeros((len(t), 6))
     x[n_rest:-n_rest] = scale * MOTIONS[name](robot, moving, dice)
     x[:, :3] += robot.home
-    return Motion(float(t[-1]), make_interp_spline(t, x, k=5))
+    return Motion(float(t[-1]), make_interp_spline(t, x, k=5), name == "swing" and robot.is_elastic)

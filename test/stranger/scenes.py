@@ -35,7 +35,7 @@ def _declared() -> list[Scene]:
     ):
         scenes.append(Scene(f"declared-{motion}", robots, motion, known="declared"))
     ideal = Faults(perfect=True)
-    scenes.append(Scene("perfect", ("hall", "desk", "hexa", "frame", "facade"), "fourier", ideal, known="declared"))
+    scenes.append(Scene("perfect", DRIVEN + ("four",), "fourier", ideal, known="declared"))
     long = Faults(without=("acc_bias", "attitude", "imu_alignment", "imu_position", "force_offset", "geometry"))
     scenes.append(Scene("gain-600s", ("hall", "hexa"), "fourier", long, 600.0, known="declared", rate=25.0))
     return scenes
@@ -85,7 +85,7 @@ def _cables() -> list[Scene]:
         "cable-weight-untold", ("facade", "hall"), "fourier", declare={"cables": {"weight_per_length": 0.0}},
         known="silent",
     )  # fmt: skip
-    return [own, heavy, Scene("slack", ("hall", "frame"), "fourier", Faults(slack=0.03)), untold]
+    return [own, heavy, Scene("slack", ("hall", "frame"), "fourier", Faults(slack=0.12)), untold]
 
 
 def _geometry() -> list[Scene]:
@@ -134,13 +134,4 @@ def _all_at_once() -> Scene:
     return Scene("all-at-once", ("hall",), "fourier", faults, 60.0, declare=declare)
 
 
-def _playable(scene: Scene) -> Scene:
-    """Without what the elastic plant is needed for."""
-    moved = scene.faults.cable_inertia or scene.faults.slack
-    return replace(scene, robots=() if moved else tuple(r for r in scene.robots if not ROBOTS[r].is_elastic))
-
-
-SCENES = [
-    _playable(scene)
-    for scene in [*_declared(), *_attitude(), *_forces(), *_cables(), *_geometry(), *_disturbed(), _all_at_once()]
-]
+SCENES = [*_declared(), *_attitude(), *_forces(), *_cables(), *_geometry(), *_disturbed(), _all_at_once()]
