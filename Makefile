@@ -195,6 +195,14 @@ build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/li
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
 
+SEEDS ?= $(or $(SEED),1)
+## Judge both programs by an independent simulation of real set-ups (under 15 min; T="=pushed", SEEDS=1-5, JOBS=2)
+strangers: .venv/test.stamp build $(B)/stranger/native.so
+	$(Q)$(PY) test/stranger/stranger.py $(T) --seeds $(SEEDS) --jobs $(or $(JOBS),2)
+$(B)/stranger/native.so: $(wildcard test/stranger/*.c)
+	@mkdir -p $(@D)
+	$(call say,cc  $@)$(CC) -std=gnu11 -O2 -ffp-contract=off -fPIC -Wall -Wextra -Wconversion -shared $^ -lm -o $@
+
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
@@ -233,6 +241,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)
