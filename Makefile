@@ -29,6 +29,8 @@ UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/
 BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
 ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.cpp)))
 
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' host/inertiad/pyproject.toml)
+
 # No -ffast-math and no contraction: the same log gives the same bytes on every machine.
 OPT ?= -O2 -g
 FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MD -MP
@@ -36,6 +38,7 @@ INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/inc
 CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
 CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
 $(CORE): CFLAGS += -std=c11
+$(APP): CFLAGS += -DINERTIAD_VERSION='"$(VERSION)"'
 
 ## Print this list
 help:

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, TOP
 
+import inertiad_core
 from inertiad.check import verify
-from inertiad.robot import configuration, description
+from inertiad.robot import configuration, dbc, description
 from inertiad.run import lcmlog
 
 DAEMON = TOP / "build/bin/inertiad"
@@ -104,8 +105,8 @@ def test_daemon_with_another_byte_order_fails(run, tmp_path):
 @pytest.mark.parametrize("factor", [1.02, 1.3])
 def test_changed_coefficient_in_the_daemons_configuration_fails(run, tmp_path, factor):
     described = description.load(run / "robot.toml")
-    config = configuration.config_of(described, verify.dbc.bind(described, "x"))
-    index = next(i for i, s in enumerate(config.signal) if s.quantity == verify.inertiad_core.QUANTITIES["f_3"])
+    config = configuration.config_of(described, dbc.bind(described, "x"))
+    index = next(i for i, s in enumerate(config.signal) if s.quantity == inertiad_core.QUANTITIES["f_3"])
     config.signal[index].scale *= factor
     (tmp_path / "changed.cfg").write_bytes(configuration.to_bytes(config))
     found = failed(run, config=tmp_path / "changed.cfg")

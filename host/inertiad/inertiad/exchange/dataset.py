@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.base.table import NS, Table, Values, at_ns, header, read_columns
+from inertiad.robot import systematic
 from inertiad.run import canlog, lcmlog
 from inertiad.run.canlog import CanLog
 
@@ -91,11 +92,11 @@ def _tracker(messages: list[Any]) -> Table:
     return at_ns("tracker", _times(messages), columns | _scalars("tracker", ("valid", "t_device_ns"), messages))
 
 
-def _systematic_names(n_cables: int) -> list[str]:
-    """The filter's systematic errors, in the order of estimate_t."""
-    names = [f"attitude_{a}" for a in "xyz"] + ["world_yaw"] + [f"acc_bias_{a}" for a in "xyz"]
-    names += [f"imu_alignment_{a}" for a in "xyz"] + ["position_delay"]
-    return names + [f"force_{what}_{i + 1}" for what in ("offset", "gain") for i in range(n_cables)]
+def _systematic_names(n: int) -> list[str]:
+    """Columns of the n systematic parameters that an estimate_t holds."""
+    n_cables = (n - systematic.n_filter(0)) // (systematic.n_filter(1) - systematic.n_filter(0))
+    labels = (label for group in systematic.filter_groups(n_cables) for label in group.labels)
+    return [label.replace("attitude_bias", "attitude") for label in labels]
 
 
 def _estimate(messages: list[Any]) -> Table:
@@ -103,7 +104,7 @@ def _estimate(messages: list[Any]) -> Table:
     vectors = {
         "cog": [f"cog_{a}" for a in "xyz"],
         "inertia_cog": [f"inertia_cog_{e}" for e in INERTIA],
-        "systematic": _systematic_names((len(messages[0].systematic) - 11) // 2),
+        "systematic": _systematic_names(len(messages[0].systematic)),
     }
     for end in ("", "_std"):
         columns |= _scalars("estimate", [f"mass{end}"], messages)

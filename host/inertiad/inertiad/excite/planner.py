@@ -14,23 +14,15 @@ from inertiad.excite.constraints import Checker, check_pose
 from inertiad.excite.problem import HOP, REST, SPACING, Criterion, Problem, Splined, goal_of, motion_basis, pose_basis
 from inertiad.excite.search import Progress, largest, search_all
 from inertiad.identify import fisher_information
-from inertiad.identify.fisher_information import Model
 from inertiad.model import forward_dynamics, trajectory
 from inertiad.model.forward_dynamics import Moved
 from inertiad.model.trajectory import Motion, Moves, Trajectory
+from inertiad.robot import systematic
 
 LONGEST = 120.0
 """s, the longest motion tried for a wanted accuracy"""
 FINE_RATE = 50.0
 """Hz at which a found motion is checked against the limits"""
-
-GROUPS = (
-    ("attitude", slice(10, 13)),
-    ("world_yaw", slice(13, 14)),
-    ("acc_bias", slice(14, 17)),
-    ("imu_alignment", slice(17, 20)),
-    ("position_delay", slice(20, 21)),
-)
 
 
 @dataclass(frozen=True)
@@ -139,7 +131,7 @@ def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
     while np.any(plan.sigma > wanted):
         low, high = high, 1.6 * high
         if high > LONGEST:
-            raise InputError(f"--sigma: {_out_of_reach(request.checker.model, plan, wanted)}")
+            raise InputError(f"--sigma: {_out_of_reach(request.checker, plan, wanted)}")
         progress(f"{high:.0f} s")
         plan = optimal(quick, high, progress)
     for _ in range(3):
@@ -150,19 +142,17 @@ def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
     return plan
 
 
-def _out_of_reach(model: Model, plan: Plan, wanted: Array) -> str:
+def _out_of_reach(checker: Checker, plan: Plan, wanted: Array) -> str:
     """In words: which sigma stays too large, and what keeps it there."""
     worst = int(np.argmax(plan.sigma / wanted))
     _, motion = sampled(plan.path, fisher_information.REHEARSAL_RATE)
-    f = Checker(model, None).tensions(motion)  # type: ignore[arg-type]  # no limits needed for tensions
-    data = model.windows(motion, f, fisher_information.REHEARSAL_RATE)
-    m, base = model.robot.n_cables, model.information(data)
-    groups = [*GROUPS, ("force_offset", slice(21, 21 + m)), ("force_gain", slice(21 + m, 21 + 2 * m))]
+    model = checker.model
+    base = model.information(model.windows(motion, checker.tensions(motion), fisher_information.REHEARSAL_RATE))
     known = {}
-    for name, columns in groups:
-        better = base.copy()
-        better[columns, columns] += np.diag(np.full(columns.stop - columns.start, 1e18))
-        known[name] = float(model.sigma(better)[worst])
+    for group in systematic.filter_groups(model.robot.n_cables):
+        columns, better = model.columns(group), base.copy()
+        better[columns, columns] += np.diag(np.full(group.n, 1e18))
+        known[group.std_key] = float(model.sigma(better)[worst])
     name = min(known, key=lambda key: known[key])
     return (
         f"{NAMES[worst]} stays at {plan.sigma[worst]:.3g} {UNITS[worst]} after {plan.path.duration:.0f} s, wanted "

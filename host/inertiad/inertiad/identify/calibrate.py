@@ -20,9 +20,9 @@ from inertiad.base.quantity import forces
 from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
 from inertiad.identify import fit
-from inertiad.identify.fit import Group
-from inertiad.robot import description
+from inertiad.robot import description, systematic
 from inertiad.robot.description import Robot
+from inertiad.robot.systematic import Group, names
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
@@ -32,7 +32,6 @@ NOT_TOLD: Final = 0.9
 """posterior sigma, of the prior's, above which the data have said nothing"""
 HARDLY: Final = 0.5
 CORRELATED: Final = 0.9
-AXES: Final = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -60,17 +59,6 @@ class Calibration:
     def ratio(self) -> Array:
         """Sigma left over the prior's [n]."""
         return np.minimum(np.sqrt(np.diag(self.covariance)) / self.prior_std, 1.0)
-
-
-def names(n_cables: int) -> list[str]:
-    """A name for every systematic parameter."""
-    result = []
-    for group in fit.groups(n_cables):
-        suffix = (
-            [""] if group.n == 1 else [f"_{a}" for a in AXES] if group.n == 3 and "force" not in group.name else None
-        )
-        result += [group.name + s for s in suffix or [f"_{i + 1}" for i in range(group.n)]]
-    return result
 
 
 def parse_payloads(options: list[str], paths: list[Path]) -> dict[Path, float]:
@@ -126,7 +114,7 @@ def _unit_directions(covariance: Array, prior_std: Array, labels: list[str]) -> 
 
 def _common_gain(covariance: Array, prior_std: Array, group: Group) -> bool:
     """True if the mean of all force gains is as unknown as before."""
-    part = slice(group.first, group.first + group.n)
+    part = group.part
     mean = covariance[part, part].sum() / group.n**2
     return bool(np.sqrt(mean) > NOT_TOLD * prior_std[part].mean() / np.sqrt(group.n))
 
@@ -158,7 +146,7 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     prior_std = np.array(result["prior_std"])[part]
     refused = np.sqrt(np.diag(covariance)) > NOT_TOLD * prior_std
     directions = _unit_directions(covariance, prior_std, names(robot.n_cables))
-    gains = next(g for g in fit.groups(robot.n_cables) if g.name == "force_gain")
+    gains = systematic.group("force_gain", robot.n_cables)
     if _common_gain(covariance, prior_std, gains):
         directions = [d for d in directions if "force_gain" not in d]
         directions.insert(0, "common force gain; a run with a known added weight tells it: --payload RUN=KG")
@@ -179,18 +167,16 @@ def _turned(first: list[float], then: Array) -> list[float]:
 def _left_over(calibration: Calibration) -> dict[str, float]:
     """One sigma for all parameters of a kind, as the daemon takes it: the largest in any direction."""
     result = {}
-    for group in fit.groups(calibration.robot.n_cables):
-        part = slice(group.first, group.first + group.n)
-        largest = float(np.linalg.eigvalsh(calibration.covariance[part, part])[-1])
-        key = "attitude" if group.name == "attitude_bias" else group.name
-        result[key] = float(min(np.sqrt(largest), calibration.prior_std[part].max()))
+    for group in systematic.groups(calibration.robot.n_cables):
+        largest = float(np.linalg.eigvalsh(calibration.covariance[group.part, group.part])[-1])
+        result[group.std_key] = float(min(np.sqrt(largest), calibration.prior_std[group.part].max()))
     return result
 
 
 def document(calibration: Calibration) -> dict[str, Any]:
     """Contents of calibration.toml: robot.toml's [calibration] with the corrections in it."""
     old, xi, m = calibration.robot.calibration, calibration.xi, calibration.robot.n_cables
-    part = {g.name: xi[g.first : g.first + g.n] for g in fit.groups(m)}
+    part = {g.name: xi[g.part] for g in systematic.groups(m)}
     labels = names(m)
     return {
         "acc_bias": (np.array(old.acc_bias) + part["acc_bias"]).tolist(),
@@ -221,7 +207,7 @@ def text(calibration: Calibration) -> str:
     """Every parameter with what is left of its uncertainty, for people."""
     lines = [f"{'':18} {'correction':>11} {'± std':>9} {'prior':>9}  {'unit':6}"]
     labels, ratio = names(calibration.robot.n_cables), calibration.ratio
-    for group in fit.groups(calibration.robot.n_cables):
+    for group in systematic.groups(calibration.robot.n_cables):
         for i in range(group.first, group.first + group.n):
             k = group.factor
             numbers = f"{k * calibration.xi[i]:11.4f} {k * calibration.std[i]:9.4f} {k * calibration.prior_std[i]:9.4f}"

@@ -21,8 +21,9 @@ from inertiad.base.table import Array
 from inertiad.model.inverse_dynamics import specific_force
 from inertiad.model.random_errors import wander
 from inertiad.model.trajectory import Motion, Trajectory
-from inertiad.robot import configuration
+from inertiad.robot import configuration, systematic
 from inertiad.robot.description import Nominal, Robot
+from inertiad.robot.systematic import Group
 
 WANDER_TIME = 20.0
 """s, correlation time of the attitude's wander, which robot.toml does not say"""
@@ -32,8 +33,8 @@ REHEARSAL_RATE = 100.0
 
 N_REHEARSALS = 12
 
-ATTITUDE = slice(10, 13)
-"""Columns of H that hold the attitude bias; see firmware/core/systematic.h."""
+N_THETA = 10
+"""states of the body: m, h, J; those of the systematic parameters follow"""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Model:
     @cached_property
     def E(self) -> Array:
         """d(mass, cog, inertia_cog) / d(states) [10, n], states about the IMU."""
-        n_x = 10 + 11 + 2 * self.robot.n_cables
+        n_x = N_THETA + systematic.n_filter(self.robot.n_cables)
         back = -np.array(self.robot.imu.position)
         shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
         E = np.zeros((10, n_x))
@@ -87,6 +88,11 @@ class Model:
     def residual_std(self) -> Array:
         """[6] N and N m, square roots of C's diagonal."""
         return np.repeat(configuration.residual_std(self.robot), 3)
+
+    @staticmethod
+    def columns(group: Group) -> slice:
+        """Of H and of the states, those of systematic parameters of one kind."""
+        return slice(N_THETA + group.first, N_THETA + group.first + group.n)
 
     def prior_sigma(self) -> Array:
         """One sigma [10] of mass, CoG, inertia before any data."""
@@ -152,11 +158,12 @@ class Model:
         middle = np.minimum(middle, len(f) - 1)
         centre = Motion(*(getattr(motion, name)[middle] for name in ("p", "v", "a", "R", "omega", "alpha")))
         dice = np.random.default_rng([seed, 20])
+        attitude = self.columns(systematic.group("attitude_bias", self.robot.n_cables))
         found = []
         for _ in range(N_REHEARSALS):
             turn = wander(self.robot.std.attitude_wander, WANDER_TIME, 1.0 / hop, len(H), dice)
             xi = inertiad_core.systematic_std(self.config)[:n_xi] * dice.standard_normal(n_xi)
-            y = H @ np.concatenate([self.theta, xi]) + np.einsum("kij,kj->ki", H[:, :, ATTITUDE], turn)
+            y = H @ np.concatenate([self.theta, xi]) + np.einsum("kij,kj->ki", H[:, :, attitude], turn)
             y += self._misplaced(centre, f[middle], dice)
             found.append(self.covariance(np.asarray(inertiad_core.rehearse(self.config, H, y))))
         return np.asarray(np.median(found, axis=0))

@@ -20,6 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.identify import physical_consistency
 from inertiad.identify import two_step as paper
+from inertiad.robot import systematic
 from inertiad.robot.configuration import prior, theta_of
 from inertiad.robot.description import Nominal, Robot, inertia_matrix
 from inertiad.run import reader
@@ -30,34 +31,6 @@ WEAK_PRIOR: Final = 1e4
 """factor on the prior sigmas where there is to be no prior"""
 LAG: Final = 4
 """windows to the instrument: the first that shares no sample"""
-
-
-@dataclass(frozen=True)
-class Group:
-    """Systematic parameters of one kind and where they are in xi."""
-
-    name: str
-    first: int
-    n: int
-    unit: str
-    factor: float
-    """to the unit, from SI"""
-
-
-def groups(n_cables: int) -> list[Group]:
-    """The systematic parameters in the order of systematic.h."""
-    deg, m = 180.0 / np.pi, n_cables
-    return [
-        Group("attitude_bias", 0, 3, "deg", deg),
-        Group("world_yaw", 3, 1, "deg", deg),
-        Group("acc_bias", 4, 3, "m/s2", 1.0),
-        Group("imu_alignment", 7, 3, "deg", deg),
-        Group("position_delay", 10, 1, "ms", 1e3),
-        Group("force_offset", 11, m, "N", 1.0),
-        Group("force_gain", 11 + m, m, "%", 100.0),
-        Group("gyro_bias", 11 + 2 * m, 3, "deg/s", deg),
-        Group("force_delay", 14 + 2 * m, 1, "ms", 1e3),
-    ]
 
 
 @dataclass(frozen=True)
@@ -241,7 +214,8 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     if len(windows.y) == 0:
         raise InputError(f"{run.path}: no whole window in the data")
     e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
-    W = -windows.X(np.zeros(10))[:, :, 11 : 11 + run.robot.n_cables]
+    offsets = systematic.group("force_offset", run.robot.n_cables).part
+    W = -windows.X(np.zeros(10))[:, :, offsets]
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
 
@@ -255,11 +229,10 @@ def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
     if estimate.xi is None or estimate.xi_std is None:
         return {}
     result = {}
-    for group in groups(robot.n_cables):
-        part = slice(group.first, group.first + group.n)
+    for group in systematic.groups(robot.n_cables):
         configured = getattr(robot.calibration, group.name, None)
-        value = estimate.xi[part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
-        std = estimate.xi_std[part]
+        value = estimate.xi[group.part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
+        std = estimate.xi_std[group.part]
         if group.n == 1:
             result[group.name] = _quantity(float(value[0]), float(std[0]))
         else:

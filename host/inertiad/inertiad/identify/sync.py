@@ -20,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.identify import fit, time_delay
 from inertiad.identify.time_delay import Delay
-from inertiad.robot import dbc, description
+from inertiad.robot import dbc, description, systematic
 from inertiad.robot.description import Position, Robot
 from inertiad.run import canlog, encode, host_info, reader, tracker_csv
 from inertiad.run.canlog import CanLog
@@ -152,7 +152,7 @@ def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float
     known = _with_delays(robot, position, (configured, FORCE_DELAY_STD))
     result = fit.joint(reader.config_of(known, str(run)), [_recording(known, run)])
     assert result.xi is not None and result.xi_std is not None
-    at = 14 + 2 * robot.n_cables
+    at = systematic.group("force_delay", robot.n_cables).first
     return configured + float(result.xi[at]), float(result.xi_std[at])
 
 
@@ -161,9 +161,8 @@ def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float
 
 def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Array:
     """Ten numbers of the body with delays taken as they are, shift [s] wrong: positions, forces."""
-    m = run.robot.n_cables
-    free = np.ones(15 + 2 * m, dtype=bool)
-    free[[10, 14 + 2 * m]] = False
+    kinds = systematic.groups(run.robot.n_cables)
+    free = np.concatenate([np.full(g.n, g.name not in ("position_delay", "force_delay")) for g in kinds])
     moved = reader.Recording(run.path, run.robot, inertiad_core.undelayed(run.rows, *shift), 0, 0, {})
     return np.array(fit.of_batch("joint", fit.batch(config, [moved], is_free=free.tolist())).body.value)
 

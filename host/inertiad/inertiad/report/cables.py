@@ -17,6 +17,7 @@ from inertiad.base.body import Body
 from inertiad.base.table import Array
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate
+from inertiad.robot import systematic
 from inertiad.robot.configuration import platform_size, prior
 from inertiad.run.reader import Recording
 
@@ -24,8 +25,6 @@ BROKEN_BELOW: Final = 0.7
 """residual without the sensor, of the residual with it"""
 ALONE_BELOW: Final = 0.75
 """and of what leaving out any other leaves"""
-FIRST_OFFSET: Final = 11
-"""column of the first force offset among the systematic parameters; systematic.h"""
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,8 @@ def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
     """Of one run's windows, with the calibration that was estimated along."""
     rows, m = run.rows, run.robot.n_cables
     if estimate.xi is not None:
-        rows = inertiad_core.undelayed(rows, estimate.xi[10], estimate.xi[14 + 2 * m])
+        delays = (systematic.group(name, m).first for name in ("position_delay", "force_delay"))
+        rows = inertiad_core.undelayed(rows, *(estimate.xi[i] for i in delays))
         config = inertiad_core.calibrated(config, estimate.xi)
     windows = inertiad_core.Windows(config, rows)
     e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
@@ -80,7 +80,7 @@ def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
 def _wrench_matrices(windows: Any, n_cables: int) -> Array:
     """W [M, 6, m] about the IMU: an offset of a force sensor is a force too much."""
     X = windows.X(np.zeros(10))
-    return np.asarray(-X[:, :, FIRST_OFFSET : FIRST_OFFSET + n_cables])
+    return np.asarray(-X[:, :, systematic.group("force_offset", n_cables).part])
 
 
 @dataclass(frozen=True)

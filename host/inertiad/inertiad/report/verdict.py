@@ -8,12 +8,12 @@ from typing import Final, Literal
 
 import numpy as np
 
+from inertiad.base import counters
 from inertiad.base.body import NAMES
-from inertiad.check import verify
-from inertiad.identify import calibrate
 from inertiad.report import wording
 from inertiad.report.report_data import GAP, Facts, apart
 from inertiad.report.wording import shown
+from inertiad.robot import systematic
 
 Level = Literal["good", "care", "bad"]
 
@@ -137,7 +137,7 @@ def _calibration(facts: Facts) -> Iterator[Finding]:
     if joint is None or joint.xi is None or not len(facts.prior_xi):
         return
     far = np.abs(joint.xi) / np.maximum(facts.prior_xi, 1e-12)
-    labels = calibrate.names(facts.robot.n_cables)
+    labels = systematic.names(facts.robot.n_cables)
     factor = wording.factors(facts.robot.n_cables)
     for i in np.argsort(-far)[:3]:
         if far[i] > FAR:
@@ -180,7 +180,7 @@ def _losses(facts: Facts) -> Iterator[Finding]:
         bad = {
             k: n
             for k, n in recording.counters.items()
-            if n and k.rpartition(".")[2] in verify.BAD_COUNTERS and k.rpartition(".")[2] not in causes
+            if n and counters.is_bad(k) and k.rpartition(".")[2] not in causes
         }
         if bad:
             told = ", ".join(f"{k} {n}" for k, n in bad.items())

@@ -1,26 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """CAN databases: bind quantities to DBC signals, convert their units to SI, and write a DBC for robots without one."""
 
+from __future__ import annotations
+
 import math
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-
-# cantools loads its bus tester, not used here, and with it python-can and the libraries of every log format.
-_TESTER = "cantools.tester"
-_is_stood_in = sys.modules.setdefault(_TESTER, ModuleType(_TESTER)).__spec__ is None
-# ruff: noqa: E402
-import cantools
-from cantools.database.can import Database, Message, Signal
-
-if _is_stood_in:
-    del sys.modules[_TESTER]
+from typing import TYPE_CHECKING
 
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.robot.description import Bound, Robot, Scaled
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
 
 EXTENDED_ID = 0x80000000
 GENERATED_NAME = "generated.dbc"
@@ -69,10 +63,13 @@ class BusDatabase:
 
 def load(paths: Iterable[Path]) -> BusDatabase:
     """Read the DBC files of one bus. InputError names the file and, where the parser knows it, the line."""
+    from cantools.database import load_file
+    from cantools.database.can import Database
+
     messages: list[tuple[Message, str]] = []
     for path in paths:
         try:
-            database = cantools.database.load_file(path, database_format="dbc", strict=True)
+            database = load_file(path, database_format="dbc", strict=True)
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}") from None
         except Exception as error:  # the parser raises several unrelated types
@@ -193,6 +190,8 @@ def bind(robot: Robot, source: str) -> list[Binding]:
     if robot.bus:
         buses, signals = [load(bus.files) for bus in robot.bus], robot.signals
     else:
+        from cantools.database.can import Database
+
         text, signals = generate(robot)
         generated = Database()
         generated.add_dbc_string(text)
