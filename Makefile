@@ -198,6 +198,10 @@ build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/li
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
 
+## Rewrite the type stubs of the Python bindings from what they export
+stubs: build
+	$(Q)$(PY) tools/stubs.py
+
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
@@ -237,5 +241,5 @@ clean-all: clean
 	rm -rf .venv
 
 .PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
-    format format-check lint check size clean clean-all
+    format format-check lint check size clean clean-all stubs
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

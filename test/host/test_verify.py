@@ -57,7 +57,7 @@ def test_good_run_passes_and_says_so(inertiactl, run):
     assert result.returncode == 0, result.stdout + result.stderr
     lines = result.stdout.splitlines()
     open_lines = [line for line in lines if not line.startswith("PASS")]
-    unknown = "what the run was made with is not known, so what has changed since cannot be told"
+    unknown = "the configuration of the run is unknown, so changes since cannot be checked"
     assert open_lines == [f"OPEN  robot.toml: {unknown}: no robot.cfg and no CONFIG in a run.lcmlog"]
     assert re.fullmatch(r"PASS: (\d+) of (\d+) passed, 1 could not be made", lines[-1])
     assert any("estimates" in line and "bit-identical" in line for line in lines)
@@ -166,7 +166,7 @@ def test_configuration_of_another_version_leaves_what_has_changed_open(run, reco
     record_configuration(run, record, data)
     checks = {c.name: c for c in verify.verify(verify.Options(run), lambda _: None)}
     assert checks["robot.toml"].passed is None
-    assert checks["robot.toml"].detail.endswith(f"cannot be told: {record} was written by another version")
+    assert checks["robot.toml"].detail.endswith(f"cannot be checked: {record} was written by another version")
     assert [c for c in checks.values() if c.passed is False] == []
 
 
@@ -195,4 +195,4 @@ def test_unusable_run_is_one_line_and_exit_2(inertiactl, run):
     (run / "tracker.csv").unlink()
     result = inertiactl("verify", run)
     assert result.returncode == 2
-    assert "tracker.csv: not there" in result.stderr and len(result.stderr.splitlines()) == 1
+    assert "tracker.csv: not found" in result.stderr and len(result.stderr.splitlines()) == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the daemon's counters mean: which count rejected rows, which stay zero on a good run."""
+"""Meaning of the daemon's counters: those of rejected rows, those that stay zero on a good run."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the checks of a run look at, and the verdict of one."""
+"""The data that checks of a run compare, and the result of one check."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ from inertiad.run.canlog import CanLog
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the verdict."""
+    """Result of one check."""
 
     name: str
     passed: bool | None
@@ -28,13 +28,13 @@ class Check:
 
 @dataclass
 class Case:
-    """Everything the checks look at."""
+    """The data that checks compare."""
 
     robot: Robot
     config_bytes: bytes
     """compiled from the run's robot.toml"""
     given_config: bytes
-    """what the daemon ran with"""
+    """the daemon's"""
     log: CanLog
     raw: CanLog
     published: Published

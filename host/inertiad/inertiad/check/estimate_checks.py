@@ -21,7 +21,7 @@ TRUTH_SIGMAS: Final = 4.0
 
 @dataclass
 class Recomputed:
-    """What the core makes of the same input, offline."""
+    """Offline results of the core for the same input."""
 
     by_window: dict[int, dict[str, Any]]
     """estimates by their number of windows"""
@@ -56,7 +56,7 @@ def _feed(case: Case, pipeline: Any, after: Callable[[], None]) -> None:
 
 
 def recompute(case: Case) -> Recomputed:
-    """Run the core over what the daemon took."""
+    """Run the core over the daemon's input."""
     stepped, kept = inertiad_core.Pipeline(case.config), inertiad_core.Pipeline(case.config)
     found: dict[int, dict[str, Any]] = {}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of what went in: configuration, frames, counters, positions."""
+"""Checks of the input: configuration, frames, counters, positions."""
 
 import struct
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ DIFFERENCES_SHOWN: Final = 3
 
 def check_config(case: Case) -> Iterator[Check]:
     same = case.config_bytes == case.given_config
-    yield Check("configuration", same, "is what robot.toml compiles to" if same else "differs from robot.toml")
+    yield Check("configuration", same, "equals the compiled robot.toml" if same else "differs from robot.toml")
 
 
 def _record_of_configuration(run: Path) -> tuple[str, bytes | None]:
-    """Which file says what configuration a run was made with, and that: the daemon's own record, else robot.cfg.
+    """The file that holds the configuration of a run, and its contents: the daemon's own record, else robot.cfg.
 
-    None: no file does, the text says why.
+    None: there is no such file; the text gives the reason.
     """
     log, file = run / "run.lcmlog", run / "robot.cfg"
     if log.exists():
@@ -40,9 +40,9 @@ def _record_of_configuration(run: Path) -> tuple[str, bytes | None]:
 
 
 def check_description(case: Case) -> Iterator[Check]:
-    """robot.toml and its DBC files still say what the run was made with."""
+    """robot.toml and its DBC files still give the configuration of the run."""
     name, data = _record_of_configuration(case.run)
-    unknown = "what the run was made with is not known, so what has changed since cannot be told: "
+    unknown = "the configuration of the run is unknown, so changes since cannot be checked: "
     if data is None:
         yield Check("robot.toml", None, unknown + name)
         return
@@ -53,10 +53,10 @@ def check_description(case: Case) -> Iterator[Check]:
         return
     differs = configuration.differences(was, robot_config_t.decode(case.config_bytes[:-4]))
     differs = {key: what for key, what in differs.items() if not key.startswith("gyro_bias")}  # it learns that itself
-    said = "; ".join(f"{key} is {what}" for key, what in list(differs.items())[:DIFFERENCES_SHOWN])
+    shown = "; ".join(f"{key} is {what}" for key, what in list(differs.items())[:DIFFERENCES_SHOWN])
     more = len(differs) - DIFFERENCES_SHOWN
-    detail = f"differs from {name}, which the run was made with: {said}" + (f"; and {more} more" if more > 0 else "")
-    yield Check("robot.toml", not differs, detail if differs else f"is what the run was made with, says {name}")
+    detail = f"differs from {name}, the configuration of the run: {shown}" + (f"; and {more} more" if more > 0 else "")
+    yield Check("robot.toml", not differs, detail if differs else f"equals {name}, the configuration of the run")
 
 
 def check_daemon(case: Case) -> Iterator[Check]:
@@ -71,7 +71,7 @@ def check_daemon(case: Case) -> Iterator[Check]:
 
 
 def _first_difference(log: CanLog, raw: CanLog) -> str:
-    """Where RAW stops being the log, "" if it does not."""
+    """The first difference of RAW from the log, "" if there is none."""
     n = min(len(log), len(raw))
     width = max(log.data.shape[1], raw.data.shape[1])
     data = [np.pad(x.data[:n], ((0, 0), (0, width - x.data.shape[1]))) for x in (log, raw)]
@@ -129,8 +129,8 @@ def check_counters(case: Case) -> Iterator[Check]:
     detail = f"log {len(case.log)}, buses {n_bus}, RAW {len(case.raw)}, decoded or counted by cause {n_outcomes}"
     yield Check("frames add up", adds_up, detail)
     bad = {name: n for name, n in found.items() if n and _is_bad(name, case.published.is_live)}
-    told = ", ".join(f"{name} {n}" for name, n in bad.items())
-    yield Check("nothing lost or refused", not bad, told or "every such counter is 0")
+    listed = ", ".join(f"{name} {n}" for name, n in bad.items())
+    yield Check("nothing lost or refused", not bad, listed or "every such counter is 0")
     n_decoded = found.get("decode.decoded", 0)
     detail = f"{n_decoded} frames carry signals of the description"
     yield Check("signals", n_decoded > 0, detail)

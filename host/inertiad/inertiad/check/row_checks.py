@@ -70,8 +70,8 @@ def check_rows(case: Case) -> Iterator[Check]:
     good = n_imu > 0 and 0 <= lost <= max(ROWS_LOST_MAX * n_imu, 50)
     good &= len(t_ns) > 1 and n_unsettled * float(np.median(np.diff(t_ns))) < UNSETTLED_MAX * NS_PER_S
     causes = ("missing", "late", "backwards", "carried", "unsettled")
-    told = ", ".join(f"{name} {n}" for name, n in counters.items() if n and name.rpartition(".")[2] in causes)
-    yield Check("rows", good, f"{len(t_ns)} of {n_imu} IMU samples{f'; {told}' if told else ''}")
+    listed = ", ".join(f"{name} {n}" for name, n in counters.items() if n and name.rpartition(".")[2] in causes)
+    yield Check("rows", good, f"{len(t_ns)} of {n_imu} IMU samples{f'; {listed}' if listed else ''}")
     ordered = len(t_ns) > 0 and bool((np.diff(t_ns) > 0).all())
     yield Check("row stamps", ordered, "increase" if ordered else "do not increase")
     if len(t_ns):

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does the daemon do with a run what it must? One line per check, PASS or FAIL, or OPEN where it could not be made.
+"""Verification of the daemon on a run. One line per check: PASS, FAIL, or OPEN where it could not be made.
 
-The frames it says it took are compared with the log, its counters with each other, its rows with a decoder of our own
+The frames it reports are compared with the log, its counters with each other, its rows with a decoder of our own
 (from the DBC, in numpy), its estimates with a recomputation by the same core and with a plain batch weighted least
 squares, its result with the truth of a simulated run. robot.toml and its DBC files are compared with the configuration
-that the run was made with, where the run says it: in the daemon's own record run.lcmlog, or as robot.cfg.
+of the run, where the run has it: in the daemon's own record run.lcmlog, or as robot.cfg.
 """
 
 import json
@@ -52,7 +52,7 @@ def _check_latency(case: Case, limit: float) -> Iterator[Check]:
 
 @dataclass(frozen=True)
 class Options:
-    """What `inertiactl verify` was asked to do."""
+    """Options of `inertiactl verify`."""
 
     run: Path
     buses: tuple[str, ...] = ()
@@ -70,7 +70,7 @@ def _setup(options: Options, robot: Robot, data: bytes, folder: Path) -> Setup:
         config.write_bytes(data)
     with_tracker = robot.position.source == "tracker"
     if with_tracker and not (options.run / "tracker.csv").exists():
-        raise InputError(f'{options.run / "tracker.csv"}: not there, but position.source = "tracker"')
+        raise InputError(f'{options.run / "tracker.csv"}: not found, but position.source = "tracker"')
     daemon = options.daemon or daemon_run.daemon_path()
     return Setup(options.run, folder, config, daemon, max(1, len(robot.bus)), with_tracker, options.url)
 
@@ -95,7 +95,7 @@ def judge(case: Case, latency_max: float) -> list[Check]:
 
 
 def verify(options: Options, progress: Callable[[str], None]) -> list[Check]:
-    """Run the daemon on a run and check what it does. InputError: the run, bus or daemon cannot be used."""
+    """Run the daemon on a run and check it. InputError: the run, bus or daemon cannot be used."""
     source = options.run / "robot.toml"
     robot = description.load(source)
     data = configuration.compile_robot(robot, str(source))
@@ -104,13 +104,13 @@ def verify(options: Options, progress: Callable[[str], None]) -> list[Check]:
         setup = _setup(options, robot, data, Path(name))
         progress("run the daemon")
         is_live = bool(options.buses)
-        said = daemon_run.live(setup, list(options.buses), len(log)) if is_live else daemon_run.from_file(setup)
+        published = daemon_run.live(setup, list(options.buses), len(log)) if is_live else daemon_run.from_file(setup)
         progress("check")
         given = setup.config.read_bytes()
-        positions = daemon_run.positions_of(setup, said)
+        positions = daemon_run.positions_of(setup, published)
         bindings = dbc.bind(robot, str(source))
-        raw = said.frames(setup.n_buses)
-        case = Case(robot, data, given, log, raw, said, positions, bindings, options.run)
+        raw = published.frames(setup.n_buses)
+        case = Case(robot, data, given, log, raw, published, positions, bindings, options.run)
         return judge(case, options.latency_max)
 
 

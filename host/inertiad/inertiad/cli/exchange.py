@@ -45,14 +45,14 @@ def export_command(
 @commands.command("import", epilog="Example: inertiactl import run.mf4 -o run")
 def import_command(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="What export wrote, or .csv .mat .mf4 .asc .blf .trc .log of others.")
+        Path, typer.Argument(metavar="FILE", help="A file of export, or .csv .mat .mf4 .asc .blf .trc .log of others.")
     ],
     output: RunFolder,
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description to put into the run.")
     ] = None,
 ) -> None:
-    """Make a run folder of another tool's file: signals.csv, tracker.csv, can.log, as far as they are in it."""
+    """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them."""
     from inertiad.exchange import convert
 
     remarks: list[str] = []

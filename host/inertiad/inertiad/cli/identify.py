@@ -17,7 +17,7 @@ def fit(
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
     ] = None,
-    method: Annotated[str, typer.Option(metavar="joint|wls|iv|paper", help="How; see below.")] = "joint",
+    method: Annotated[str, typer.Option(metavar="joint|wls|iv|paper", help="Method; see below.")] = "joint",
     json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write estimate.json.")] = None,
     validate: Annotated[
         list[Path] | None, typer.Option("--validate", metavar="RUN", help="Predict this run, which is not used.")
@@ -59,13 +59,13 @@ def report(
         Path | None, typer.Option(metavar="FOLDER", help="Write every figure there as PNG and PDF, too.")
     ] = None,
 ) -> None:
-    """One page about runs of one body: verdict, result, what limits it, what to do next. Opens without a network."""
+    """Write a page on runs of one body: verdict, result, limiting errors, next step. Opens without a network."""
     from inertiad.report import document
 
     page = output or (runs[0] / "report.html" if len(runs) == 1 and runs[0].is_dir() else Path("report.html"))
     with progress_shown() as progress:
-        spoken = document.write(runs, robot, page, figures, command_line(), progress)
-    for line in spoken:
+        summary = document.write(runs, robot, page, figures, command_line(), progress)
+    for line in summary:
         say(line)
     say(f"{page}: written")
 
@@ -106,7 +106,7 @@ def calibrate(
         Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
     ] = None,
 ) -> None:
-    """Find the sensors' systematic errors, say what the runs cannot tell, and write what compile takes in.
+    """Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
 
     In robot.toml: [calibration] file = "calibration.toml".
     """
@@ -127,7 +127,7 @@ def calibrate(
     for line in calibrator.correlations(result):
         say(line)
     for direction in result.directions:
-        say(f"not told: {direction}")
+        say(f"not observable: {direction}")
     for finding in found:
         say(f"diagnosis: {finding}")
     calibrator.write(output, result)
@@ -139,7 +139,7 @@ def sync(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
     json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN.")] = None,
 ) -> None:
-    """Find how late tracker and forces are against the IMU, how sure that is, and what it costs.
+    """Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
 
     In robot.toml: [calibration] sync = "sync.json", for compile, fit and all others.
     """

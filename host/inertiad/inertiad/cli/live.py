@@ -37,7 +37,7 @@ def command(
         float, typer.Option("--wait", metavar="S", min=0.0, help="Wait this long for an answer.")
     ] = 3.0,
 ) -> int:
-    """Tell a running daemon what to do and print its answer.
+    """Send a command to a running daemon and print its answer.
 
     freeze: learn nothing more; resume: learn again; reset: start from the prior; tare: take the gyro's bias at rest;
     configure FILE: use this compiled configuration; mark TEXT: note it in the record.
@@ -62,8 +62,8 @@ def replay(
     ] = None,
     speed: Annotated[float, typer.Option(metavar="S", help="Log seconds per second.")] = 1.0,
     loop: Annotated[int, typer.Option(metavar="N", min=1, help="Play it this often.")] = 1,
-    start: Annotated[float, typer.Option(metavar="S", min=0.0, help="Leave out what is before, s.")] = 0.0,
-    stop: Annotated[float | None, typer.Option(metavar="S", help="Leave out what is after, s.")] = None,
+    start: Annotated[float, typer.Option(metavar="S", min=0.0, help="Skip everything before, s.")] = 0.0,
+    stop: Annotated[float | None, typer.Option(metavar="S", help="Skip everything after, s.")] = None,
     tracker: Annotated[
         str | None,
         typer.Option(
@@ -109,7 +109,7 @@ def record(
     time_unit: Annotated[str, typer.Option(metavar="s|ms|us|ns", help="Of t.")] = "s",
     wrap: Annotated[float, typer.Option("--time-wrap", metavar="S", help="Device time starts again after this.")] = 0.0,
     body: Annotated[int | None, typer.Option(metavar="N", help="Body of dtrack, natnet; default: the first.")] = None,
-    device_time: Annotated[bool, typer.Option(help="Take what the instrument says of time.")] = True,
+    device_time: Annotated[bool, typer.Option(help="Use the instrument's time stamps.")] = True,
     natnet_version: Annotated[str, typer.Option(metavar="N.N", help="Protocol that Motive is set to.")] = "4.1",
     channels: Annotated[
         str, typer.Option(metavar="REGEX", help="LCM channels to log; default: all with the prefix, POSE too.")

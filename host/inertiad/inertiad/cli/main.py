@@ -19,7 +19,7 @@ HELP = {"help_option_names": ["-h", "--help"]}
 
 app = typer.Typer(
     name="inertiactl",
-    help="Describe a robot, simulate or import a run, watch what the daemon identifies.",
+    help="Describe a robot, simulate or import a run, watch the daemon's estimate.",
     context_settings=HELP,
     no_args_is_help=True,
     add_completion=False,
@@ -42,7 +42,7 @@ def _options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Describe a robot, simulate or import a run, watch what the daemon identifies."""
+    """Describe a robot, simulate or import a run, watch the daemon's estimate."""
 
 
 def main() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that commands share, and what commands show on the terminal."""
+"""Options that commands share, and their output on the terminal."""
 
 import shlex
 import sys
@@ -30,7 +30,7 @@ def progress_shown() -> Iterator[Callable[[str], None]]:
 
 
 def command_line() -> str:
-    """What was typed."""
+    """The command as typed."""
     return shlex.join(["inertiactl", *sys.argv[1:]])
 
 

@@ -57,21 +57,21 @@ def excite(
     acceleration: Annotated[float, typer.Option(metavar="M/S2", min=0.01, max=100.0, help="Tracker's limit.")] = 2.0,
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw motion, tensions, sigma ellipses.")] = None,
 ) -> None:
-    """Plan a motion that tells mass, CoG and inertia as well as the cables allow, and predict how well.
+    """Plan the most informative motion for mass, CoG and inertia within the robot's limits, and predict the sigmas.
 
     The file holds t, pose, velocities and accelerations; simulate --trajectory reads it.
     """
     from inertiad.excite import plan_file
-    from inertiad.excite import request as asked
+    from inertiad.excite import request as requests
 
-    words = asked.Asked(
+    words = requests.Arguments(
         motion, duration, sigma, poses, hold, start, end, criterion, box, tilt, yaw, speed, acceleration
     )
     with progress_shown() as progress:
-        request, plan = asked.plan(robot, words, starts, seed, progress)
+        request, plan = requests.plan(robot, words, starts, seed, progress)
         plan_file.write_csv(output, request, plan)
         plan_file.write_json(output.with_suffix(".json"), request, plan)
         if picture is not None:
             plan_file.draw(picture, request, plan)
-    for line in plan_file.spoken(plan):
+    for line in plan_file.summary(plan):
         say(line)

@@ -18,7 +18,7 @@ commands = typer.Typer()
 def simulate(
     robot: RobotFile,
     output: RunFolder,
-    trajectory: Annotated[str, typer.Option(metavar="paper|hold|FILE.csv", help="What the platform does.")] = "paper",
+    trajectory: Annotated[str, typer.Option(metavar="paper|hold|FILE.csv", help="Motion of the platform.")] = "paper",
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="IMU and force samples; default: by --faults.")
     ] = None,
@@ -83,7 +83,7 @@ def encode(
     output: RunFolder,
     tracker: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV: t,x,y,z [m].")] = None,
 ) -> None:
-    """Turn recorded signals into a run folder with a CAN log that the daemon and other tools read.
+    """Convert recorded signals into a run folder with a CAN log that the daemon and other tools read.
 
     Columns of SIGNALS: s, m/s2 (specific force), rad/s, unit quaternion body to world (or roll,pitch,yaw in rad), N.
     """
@@ -110,10 +110,10 @@ def verify(
     url: Url = DEFAULT_URL,
     latency_max: Annotated[float, typer.Option(metavar="S", help="p99 allowed, frame's stamp to message.")] = 0.1,
 ) -> None:
-    """Run the daemon on a recorded run and check line by line what it does. Exit code 1: a check failed.
+    """Run the daemon on a recorded run and verify its output. Exit code 1: a check failed.
 
-    robot.toml and its DBC files are held against what RUN was made with: the daemon's record run.lcmlog or robot.cfg.
-    A check that could not be made is OPEN and fails nothing.
+    robot.toml and its DBC files are compared with the configuration of RUN, from the daemon's record
+    run.lcmlog or robot.cfg. A check that could not be made is OPEN and does not fail.
     """
     from inertiad.check import verify as verifier
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans: motions that were checked against every limit, with what a run of each will report."""
+"""Plans: motions checked against every limit, with their predicted results."""
 
 import itertools
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ FINE_RATE = 50.0
 
 @dataclass(frozen=True)
 class Plan:
-    """A motion and what a run of it will report."""
+    """A motion and its predicted result."""
 
     path: Trajectory
     method: str
@@ -36,7 +36,7 @@ class Plan:
     covariance: Array
     """[10, 10]"""
     driven: Moved
-    """what becomes of it on elastic cables, under a controller where there are cables enough for one"""
+    """the motion on elastic cables, under a controller where there are cables enough for one"""
     tension: tuple[float, float]
     """N, least and greatest on the path itself"""
     binding: list[str] = field(default_factory=list)
@@ -77,14 +77,14 @@ def driven(checker: Checker, path: Trajectory, method: str) -> Moved:
     """The path under a controller on elastic cables. InputError, with cable and time: a tension breaks a limit."""
     mechanics, plant = checker.mechanics, underactuated.elastic(checker)
     moved = forward_dynamics.move(mechanics, mechanics, path, plant, fisher_information.REHEARSAL_RATE)
-    _, *broken = forward_dynamics.spoken(moved, checker.model.robot)
+    _, *broken = forward_dynamics.summary(moved, checker.model.robot)
     if broken:
         raise InputError(f"{method}: driven by a controller on elastic cables: {'; '.join(broken)}")
     return moved
 
 
 def predicted(checker: Checker, path: Trajectory, method: str) -> Plan:
-    """What a run of the path will report. InputError, with the limit and the place, if it breaks one."""
+    """Predicted result of a path. InputError, with the limit and the place, if it breaks one."""
     f, g, binding = _checked(checker, path)
     if g.max() > 0.02:
         k, c = np.unravel_index(int(np.argmax(g)), g.shape)
@@ -99,7 +99,7 @@ def predicted(checker: Checker, path: Trajectory, method: str) -> Plan:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for."""
+    """A request, checked."""
 
     checker: Checker
     start: Array
@@ -125,7 +125,7 @@ def optimal(request: Request, duration: float, progress: Progress) -> Plan:
 
 
 def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
-    """The shortest motion found that brings every sigma [10] to what is wanted (inf: does not matter)."""
+    """The shortest motion found that reaches every wanted sigma [10] (inf: any)."""
     quick = replace(request, n_starts=2)
     low, high, plan = 5.0, 10.0, optimal(quick, 10.0, progress)
     while np.any(plan.sigma > wanted):
@@ -143,7 +143,7 @@ def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
 
 
 def _out_of_reach(checker: Checker, plan: Plan, wanted: Array) -> str:
-    """In words: which sigma stays too large, and what keeps it there."""
+    """Text: the sigma that stays too large, and the systematic error that limits it."""
     worst = int(np.argmax(plan.sigma / wanted))
     _, motion = sampled(plan.path, fisher_information.REHEARSAL_RATE)
     model = checker.model
@@ -156,7 +156,7 @@ def _out_of_reach(checker: Checker, plan: Plan, wanted: Array) -> str:
     name = min(known, key=lambda key: known[key])
     return (
         f"{NAMES[worst]} stays at {plan.sigma[worst]:.3g} {UNITS[worst]} after {plan.path.duration:.0f} s, wanted "
-        f"{wanted[worst]:.3g}: what limits it is [std] {name} = {getattr(model.robot.std, name):g}: calibrate it first"
+        f"{wanted[worst]:.3g}: the limit is [std] {name} = {getattr(model.robot.std, name):g}: calibrate it first"
     )
 
 
@@ -183,7 +183,7 @@ def moves(request: Request, poses: Array, hold: float, method: str) -> Plan:
 
 
 def _hanging_poses(request: Request, n_poses: int, hold: float, progress: Progress) -> Plan:
-    """The same for a platform that only hangs, whose swings tell something, too."""
+    """The same for a platform that only hangs, whose swings carry information, too."""
     checker, model = request.checker, request.checker.model
     progress("look for places to hang")
     scale = goal_of(model, request.criterion, static=True).scale
@@ -196,13 +196,13 @@ def _hanging_poses(request: Request, n_poses: int, hold: float, progress: Progre
     remarks = [f"{model.robot.n_cables} cables leave {n_free} of 6 degrees of freedom free: lengths are planned"]
     untold = [name for name, s, prior in zip(NAMES, sigma, model.prior_sigma(), strict=True) if s > 0.5 * prior]
     if untold:
-        remarks.append(f"hardly told better than before: {', '.join(untold)}")
+        remarks.append(f"not better known than before: {', '.join(untold)}")
     method = f"{n_poses} poses"
     return Plan(path, method, sigma, covariance, moved, (float(f.min()), float(f.max())), [], remarks)
 
 
 def static_poses(request: Request, n_poses: int, hold: float, progress: Progress) -> Plan:
-    """The N poses at rest that tell mass, CoG and force offsets best, in an order of short ways."""
+    """The N static poses with most information on mass, CoG and force offsets, in an order of short ways."""
     if request.checker.model.robot.n_cables < 6:
         return _hanging_poses(request, n_poses, hold, progress)
     check_pose(request.checker, request.start, "start pose")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a motion will tell the body: standard deviations before the experiment.
+"""Fisher information of a motion: predicted standard deviations of the body, before the experiment.
 
     Lambda = sum_k H_k^T C^-1 H_k + P_0^-1        H_k = [Y, -X] of window k, from the C core
     S = E Lambda^-1 E^T                           E: states -> mass, CoG, inertia about it, first order
@@ -39,7 +39,7 @@ N_THETA = 10
 
 @dataclass(frozen=True)
 class Model:
-    """A robot, the body believed to hang on it, and what its filter will make of a motion."""
+    """A robot, its assumed body, and the predicted result of its filter for a motion."""
 
     robot: Robot
     source: str
@@ -48,7 +48,7 @@ class Model:
     """about which the equations are linearised and for which tensions are planned"""
 
     def __getstate__(self) -> dict[str, Any]:
-        """For other processes: what it was made of, not what was computed since."""
+        """Pickled: the fields, without cached values."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property

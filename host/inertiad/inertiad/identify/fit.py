@@ -35,7 +35,7 @@ LAG: Final = 4
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a method says about a body and, where it looks at them, about the sensors."""
+    """A method's estimate of the body and, for the joint fit, of the sensors' errors."""
 
     method: str
     body: Body
@@ -172,7 +172,7 @@ def two_step(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate
     note = (
         ()
         if possible
-        else (f"no body can have this inertia: one moment is {-2.0 * least:.1f} kg m2 above the sum of the others",)
+        else (f"inertia not physically consistent: one moment is {-2.0 * least:.1f} kg m2 above the sum of the others",)
     )
     body = Body(tuple(value), tuple(spread))
     return Estimate("paper", body, possible, (True,) * 10, theta, notes=note)
@@ -193,7 +193,7 @@ def fit(method: str, robot: Robot, config: Any, recordings: list[Recording]) -> 
 
 @dataclass(frozen=True)
 class Validation:
-    """How well an estimate predicts a run it has not seen."""
+    """Prediction error of an estimate on a run that was not used."""
 
     path: Path
     rms: Array
@@ -300,12 +300,13 @@ def text(estimate: Estimate, truth: Body | None) -> str:
 
 
 def remarks(estimate: Estimate, recordings: list[Recording], held_out: list[Validation]) -> list[str]:
-    """What else there is to say, a line each."""
+    """Notes on the result, a line each."""
     lines = [f"{run.path}: {note}" for run in recordings for note in run.notes]
     lines += list(estimate.notes)
     if not estimate.consistent and estimate.method != "paper":
         lines.append(
-            f"no body can have what the data say; nearest one shown, {estimate.distance:.1f} away (Mahalanobis squared)"
+            "the estimate is not physically consistent; showing the nearest consistent body "
+            f"(squared Mahalanobis distance {estimate.distance:.1f})"
         )
     if estimate.n_windows:
         f, t = np.sqrt((estimate.rms[:3] ** 2).sum()), np.sqrt((estimate.rms[3:] ** 2).sum())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a position instrument's bytes come from: UDP, TCP, a serial line, a growing file."""
+"""Byte sources of a position instrument: UDP, TCP, a serial line, a growing file."""
 
 import contextlib
 import ipaddress
@@ -25,7 +25,7 @@ POLL: Final = 0.05
 
 
 class Input(Protocol):
-    """A source of bytes. receive() gives what is there, [] after POLL s without any."""
+    """A source of bytes. receive() returns waiting bytes, [] after POLL s without any."""
 
     is_connected: bool
     n_connected: int

@@ -44,12 +44,12 @@ STEP_BACK: Final = 1.0
 """s of device time: more is a restart of the instrument, less a late duplicate"""
 
 
-# ---- what is made of samples -----------------------------------------------------------------------------------------
+# ---- samples to messages --- -----------------------------------------------------------------------------------------
 
 
 @dataclass
 class Counts:
-    """What has happened so far."""
+    """Counts since the start."""
 
     n_bytes: int = 0
     n_samples: int = 0
@@ -177,7 +177,7 @@ class LcmRecorder:
         self.log.write(time.time_ns() // 1000, channel, data)
 
     def stop(self) -> None:
-        """Take what still comes, and close the log."""
+        """Wait for messages on their way, and close the log."""
         time.sleep(0.2)
         self._listener.stop()
         self.log.close()
@@ -185,7 +185,7 @@ class LcmRecorder:
 
 @dataclass(frozen=True)
 class Options:
-    """What `inertiactl record` was asked to do."""
+    """Options of `inertiactl record`."""
 
     address: str
     layout: Layout
@@ -204,7 +204,7 @@ class Recording:
         self.folder = encode.open_run(options.folder)
         for name in ("tracker.csv", "run.lcmlog"):
             if (self.folder / name).exists():
-                raise InputError(f"{self.folder / name}: is there already: allowed: a new run folder")
+                raise InputError(f"{self.folder / name}: exists already; choose a new run folder")
         self.tracker = Tracker(options.layout)
         self.parser = Parser(options.layout)
         self.error = ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which force sensor does not fit the others?
+"""Consistency of the force sensors: is there one that disagrees with the others?
 
     y = [Y, -X] z + e    of every window, z = theta and the systematic parameters, priors from robot.toml
 Two looks at it. Residual per cable: the smallest change of tensions that explains e, W^+ e. Trial without cable i: its
@@ -29,7 +29,7 @@ ALONE_BELOW: Final = 0.75
 
 @dataclass(frozen=True)
 class ForceCheck:
-    """How the force sensors agree over M windows of all runs."""
+    """Agreement of the force sensors over M windows of all runs."""
 
     rms: Array
     """N [m]: residual as tension of each cable"""
@@ -40,7 +40,7 @@ class ForceCheck:
     broken: int | None
     """index of the sensor that does not fit"""
     body: Body | None = None
-    """what the runs say without it"""
+    """the estimate without it"""
     t: Array | None = None
     """s [M], one run after the other"""
     error: Array | None = None
@@ -54,7 +54,7 @@ class ForceCheck:
 
 @dataclass(frozen=True)
 class Residual:
-    """What one run leaves unexplained under an estimate."""
+    """Residuals of one run under an estimate."""
 
     t: Array
     """s since the first window [M]"""
@@ -153,7 +153,7 @@ def _without(equations: _Equations, cable: int) -> tuple[Array, Array, Array]:
 
 
 def _found(model: Model, equations: _Equations, cable: int) -> tuple[Body | None, Array, Array]:
-    """What all others say of the body and, over time, of one sensor's error."""
+    """Estimate from all other sensors: the body and, over time, this sensor's error."""
     z, covariance, _ = _without(equations, cable)
     W_i = equations.W[:, :, cable]
     error = np.einsum("ki,ki->k", W_i, equations.y - equations.H @ z) / np.sum(W_i**2, axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything a report says, as numbers: runs in, one Facts out. Nothing here knows of figures or pages."""
+"""The data of a report: runs in, one Facts out. Nothing here knows of figures or pages."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -43,7 +43,7 @@ class History:
     t: Array
     """s since the first row [K]"""
     value: Array
-    """[K, 10] in the order of estimate.NAMES"""
+    """[K, 10] in the order of body.NAMES"""
     std: Array
     n_changes: int
     """of payload, noticed"""
@@ -100,7 +100,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the platform did, over all windows of a run."""
+    """Motion of the platform, over all windows of a run."""
 
     t: Array
     """s since the first row [M]"""
@@ -118,7 +118,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Where the standard deviations of mass, CoG and inertia come from; [10] each."""
+    """Sources of the standard deviations of mass, CoG and inertia; [10] each."""
 
     prior: Array
     found: Array
@@ -175,7 +175,7 @@ def apart(a: Body, b: Body) -> Array:
 
 
 def _names(paths: list[Path]) -> list[str]:
-    """Short names that tell the runs apart."""
+    """Short, distinct names of the runs."""
     resolved = [path.resolve() for path in paths]
     for n in range(1, 6):
         names = ["/".join(path.parts[-n:]) for path in resolved]
@@ -188,7 +188,7 @@ def _names(paths: list[Path]) -> list[str]:
 
 
 def _why(path: Path, name: str, robot: Robot, error: InputError) -> Run:
-    """A run that read() refuses: what is there, what is missing, what to do."""
+    """A run that the reader refuses, with the reason and the remedy."""
     text = str(error)
     if not path.is_dir() or not (path / "can.log").exists():
         return Run(
@@ -235,7 +235,7 @@ def _daemon(path: Path) -> Body | None:
 
 
 def _read(path: Path, name: str, robot_file: Path | None) -> Run:
-    """A run with what it says alone."""
+    """A run with the result from it alone."""
     robot = reader.robot_of(path, robot_file)
     try:
         recording = reader.read_as(path, robot)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How numbers and names are written for people: units, digits that the standard deviation allows."""
+"""Numbers and names as text for people: units, digits by the standard deviation."""
 
 from typing import Final
 

@@ -142,8 +142,8 @@ def _bus_number(name: str, reference: str, prefix: str, n_buses: int) -> int:
 
 
 def _unit_of(name: str, signal: Signal, place: str) -> float:
-    """SI value of one of the signal's units. InputError: it does not measure what the quantity is."""
-    if name in quantity.COUNTER:  # only told apart, never measured
+    """SI value of one of the signal's units. InputError: it is of another dimension than the quantity."""
+    if name in quantity.COUNTER:  # compared for equality only, never measured
         return 1.0
     try:
         return units.unit_factor(signal.unit, quantity.dimension(name))
@@ -169,7 +169,7 @@ def _bind(name: str, bound: str | Scaled, buses: list[BusDatabase]) -> Binding:
 
 
 def carries_time(binding: Binding, bindings: Iterable[Binding]) -> bool:
-    """Is the binding's signal a device time? One that tells samples apart may be bound as their counter, too."""
+    """Is the binding's signal a device time? A time that distinguishes samples may be bound as their counter, too."""
     times = (b for b in bindings if b.quantity in quantity.TIME)
     return any((b.bus, b.can_id, b.signal.name) == (binding.bus, binding.can_id, binding.signal.name) for b in times)
 
@@ -206,8 +206,10 @@ def bind(robot: Robot, source: str) -> list[Binding]:
         raise InputError(f"{source}: {error}") from None
     for name in required(robot):
         if name not in signals:
-            derived = "; only inertiactl fit SIGNALS.csv does without" if name in quantity.ACC + quantity.GYRO else ""
-            raise InputError(f'{source}: signals.{name}: missing: allowed: {name} = "MESSAGE.signal"{derived}')
+            derived = (
+                " (only inertiactl fit SIGNALS.csv works without it)" if name in quantity.ACC + quantity.GYRO else ""
+            )
+            raise InputError(f'{source}: signals.{name}: missing; add {name} = "MESSAGE.signal"{derived}')
     if len(bindings) > 64:
         raise InputError(f"{source}: {len(bindings)} bindings in [signals]: allowed: up to 64")
     return bindings

@@ -287,7 +287,7 @@ def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Pat
     tracker = tracker_csv.read(tracker_file) if tracker_file else None
     if tracker is None and robot.position.source == "tracker":
         raise InputError(
-            f'{robot_file}: position.source = "tracker": allowed: with --tracker FILE, else "fixed" or "can"'
+            f'{robot_file}: position.source = "tracker"; pass --tracker FILE, or set source to "fixed" or "can"'
         )
     frames = pack(bindings, signals, signals.t)
     open_run(folder)

@@ -37,7 +37,7 @@ class Recording:
     """rows lost or refused, all causes"""
     counters: dict[str, int]
     notes: tuple[str, ...] = ()
-    """what was derived, in words"""
+    """the derived quantities, as text"""
 
     @property
     def duration(self) -> float:
@@ -72,17 +72,17 @@ def robot_of(path: Path, robot_file: Path | None = None) -> Robot:
     found = own if own.exists() else None
     file = found or robot_file if path.is_dir() else robot_file or found
     if file is None:
-        raise InputError(f"{own}: not there: allowed: with --robot ROBOT")
+        raise InputError(f"{own}: not found; pass --robot ROBOT")
     return description.load(file)
 
 
 def _read_folder(folder: Path, robot: Robot) -> Recording:
     log, tracker = folder / "can.log", folder / "tracker.csv"
     if not log.exists():
-        raise InputError(f"{log}: not there: allowed: a run folder with can.log, or a signals CSV")
+        raise InputError(f"{log}: not found; pass a run folder with can.log, or a signals CSV")
     needs_tracker = robot.position.source == "tracker"
     if needs_tracker and not tracker.exists():
-        raise InputError(f'{tracker}: not there, but position.source = "tracker"')
+        raise InputError(f'{tracker}: not found, but position.source = "tracker"')
     pipeline = play(folder, robot, str(folder), tracker if needs_tracker else None)
     counters = {k: int(v) for k, v in pipeline.counters.items()}
     rows, n_frames = inertiad_core.rows_of(pipeline), counters["decode.frames"]
@@ -90,7 +90,7 @@ def _read_folder(folder: Path, robot: Robot) -> Recording:
 
 
 def without_positions(folder: Path, robot: Robot) -> Recording:
-    """A run folder's rows as if the platform stood still among its anchors: for a look at what else was recorded.
+    """A run folder's rows as if the platform stood still among its anchors: to inspect the other sensors.
 
     The rows may be none. InputError: no can.log.
     """
@@ -116,7 +116,7 @@ def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
 
 
 def _read_lcm(log: Path, robot: Robot) -> Recording:
-    """What a daemon published: its aligned rows, its counters."""
+    """A daemon's LCM log: its aligned rows, its counters."""
     signals, health = _published(log)
     published = [row for message in signals for row in message.row]
     if any(row.n_cables != robot.n_cables for row in published):
@@ -124,10 +124,12 @@ def _read_lcm(log: Path, robot: Robot) -> Recording:
             f"{log}: {published[0].n_cables} cables: allowed: {robot.n_cables}, as in the robot description"
         )
     width = {"acc": 3, "gyro": 3, "q": 4, "position": 3, "f": robot.n_cables}
-    columns = [np.array([getattr(row, name) for row in published]).reshape(-1, n) for name, n in width.items()]
+    acc, gyro, q, position, f = (
+        np.array([getattr(row, name) for row in published]).reshape(-1, n) for name, n in width.items()
+    )
     counters = {c.name: c.value for c in health[-1].counter} if health else {}
     t_ns = np.array([row.t_ns for row in published], dtype=np.int64)
-    rows, n_frames = inertiad_core.Rows(t_ns, *columns), counters.get("decode.frames", 0)
+    rows, n_frames = inertiad_core.Rows(t_ns, acc, gyro, q, position, f), counters.get("decode.frames", 0)
     return Recording(log, robot, rows, n_frames, n_rejected(counters), counters)
 
 
@@ -147,7 +149,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
 
 
 def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[str, ...]]:
-    """Signals without an attitude of their own with that of the poses in tracker.csv beside them, and what was done.
+    """Signals without an attitude of their own with that of the poses in tracker.csv beside them, and a note on it.
 
     Samples outside the tracker's time, or in a gap of more than max_age_position, are left out.
     """
