@@ -28,7 +28,8 @@ from inertiad.base.error import InputError
 from inertiad.live import lcm_network
 from inertiad.live.byte_sources import Input, open_input
 from inertiad.live.tracker_protocols import Layout, Parser, Sample
-from inertiad.run import encode, host_info, lcmlog, tracker_csv
+from inertiad.run import folder as run_folder
+from inertiad.run import host_info, lcmlog, tracker_csv
 from inertiad_lcm import tracker_t
 
 FAR: Final = tracker_csv.FAR
@@ -201,7 +202,7 @@ class Recording:
     """Everything a recording writes to."""
 
     def __init__(self, options: Options) -> None:
-        self.folder = encode.open_run(options.folder)
+        self.folder = run_folder.open_run(options.folder)
         for name in ("tracker.csv", "run.lcmlog"):
             if (self.folder / name).exists():
                 raise InputError(f"{self.folder / name}: exists already; choose a new run folder")

@@ -19,7 +19,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
 from inertiad.robot import configuration, description
 from inertiad.robot.description import Robot
-from inertiad.run import derived_motion, encode, lcmlog, tracker_csv
+from inertiad.run import derived_motion, lcmlog, signals_csv, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
 
@@ -168,7 +168,7 @@ def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[T
 
 
 def _read_signals(file: Path, robot: Robot) -> Recording:
-    signals = encode.with_attitude(table.read(file, encode.signal_columns(robot)))
+    signals = signals_csv.with_attitude(table.read(file, signals_csv.columns(robot)))
     signals, borrowed = _with_trackers_attitude(signals, file, robot)
     for name in (quantity.QUATERNION[0], *quantity.forces(robot.n_cables)):
         if name not in signals.columns:

@@ -31,6 +31,7 @@ from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Nominal, Robot, read_data
 from inertiad.robot.messages import validate
 from inertiad.run import encode, tracker_csv
+from inertiad.run import folder as run_folder
 from inertiad.run.encode import Frames
 from inertiad.simulate import bus_timing, sensor_models
 from inertiad.simulate.sensor_models import Drawn, Faults
@@ -282,9 +283,9 @@ def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pac
     signals = measure_signals(robot, mechanics, path, t, level, drawn, run.rate, dice)
     progress("pack frames")
     frames = pack(bindings, signals, _device_time(level, drawn, t))
-    encode.open_run(folder)
+    run_folder.open_run(folder)
     progress("write files")
-    encode.write_robot(folder, robot, _description(run), bitrate=None if level.bus_timing else 0.0)
+    run_folder.write_robot(folder, robot, _description(run), bitrate=None if level.bus_timing else 0.0)
     if robot.position.source == "tracker":
         tracker_csv.write(folder / "tracker.csv", measure_tracker(robot, path, level, dice))
     truth = truth_of(mechanics, drawn, _settings(run, path), level)
