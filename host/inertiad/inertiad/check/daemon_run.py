@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the daemon on a recorded run and collect everything it publishes.
 
-From a file it writes its messages into an LCM log, which loses nothing; on a bus they come over the LCM network, with
-queues raised, while the run is played in real time.
+From a file, it writes its messages into an LCM log, without loss. On a bus, they come over the LCM network, with large
+queues, while the run is played in real time.
 """
 
 import contextlib

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiment of Tempel et al., ICRA 2017, repeated: its motions, its sensors, its method; and ours beside it.
+"""The experiment of Tempel et al., ICRA 2017, repeated: its motions, sensors and method, and the joint fit beside it.
 
 One seed is one experiment: sensors with errors drawn anew, four trajectories forward and backward at 25 Hz, through the
 CAN log and the daemon's own stages. The paper's method takes each of the eight moves by itself and reports medians; the

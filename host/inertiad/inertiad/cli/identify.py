@@ -20,7 +20,8 @@ def fit(
     method: Annotated[str, typer.Option(metavar="joint|wls|iv|paper", help="Method; see below.")] = "joint",
     json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write estimate.json.")] = None,
     validate: Annotated[
-        list[Path] | None, typer.Option("--validate", metavar="RUN", help="Predict this run, which is not used.")
+        list[Path] | None,
+        typer.Option("--validate", metavar="RUN", help="Run that is not fitted, to test the prediction on."),
     ] = None,
 ) -> None:
     """Identify the body offline, from any number of runs together.
@@ -56,7 +57,7 @@ def report(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN.")
     ] = None,
     figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write every figure there as PNG and PDF, too.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
     ] = None,
 ) -> None:
     """Write a page on runs of one body: verdict, result, limiting errors, next step. Opens without a network."""
@@ -75,14 +76,14 @@ def paper(
     seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Experiments.")] = 30,
     first: Annotated[int, typer.Option(metavar="N", min=0, help="First seed.")] = 1000,
     robot: Annotated[
-        Path | None, typer.Option("--robot", metavar="ROBOT", help="With a [nominal] body; default: CoGiRo.")
+        Path | None, typer.Option("--robot", metavar="ROBOT", help=r"Robot with a \[nominal] body; default: CoGiRo.")
     ] = None,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write.")] = Path("paper.html"),
     figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write every figure there as PNG and PDF, too.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
     ] = None,
 ) -> None:
-    """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with ours on the same data."""
+    """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with the joint fit on the same data."""
     from inertiad.check import paper_experiment
     from inertiad.report import reproduction
 
@@ -100,15 +101,15 @@ def calibrate(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN|SIGNALS.csv...", help="Runs with the same sensors.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Calibration to write, TOML.")],
     payload: Annotated[
-        list[str] | None, typer.Option("--payload", metavar="RUN=KG", help="Known added mass on the robot in a run.")
+        list[str] | None, typer.Option("--payload", metavar="RUN=KG", help="Known added mass in a run.")
     ] = None,
     tare: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
     ] = None,
 ) -> None:
-    """Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
+    r"""Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
 
-    In robot.toml: [calibration] file = "calibration.toml".
+    In robot.toml: \[calibration] file = "calibration.toml".
     """
     from inertiad.identify import calibrate as calibrator
     from inertiad.identify import diagnose
@@ -139,9 +140,9 @@ def sync(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
     json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN.")] = None,
 ) -> None:
-    """Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
+    r"""Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
 
-    In robot.toml: [calibration] sync = "sync.json", for compile, fit and all others.
+    In robot.toml: \[calibration] sync = "sync.json", for compile, fit and all others.
     """
     from inertiad.identify import sync as synchroniser
 

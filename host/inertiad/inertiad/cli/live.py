@@ -42,7 +42,7 @@ def command(
     freeze: learn nothing more; resume: learn again; reset: start from the prior; tare: take the gyro's bias at rest;
     configure FILE: use this compiled configuration; mark TEXT: note it in the record.
 
-    Exit status 0: done, 1: the daemon refused, 2: nobody answered.
+    Exit code 0: done, 1: the daemon refused, 2: no answer.
     """
     from inertiad.live import command as commands
 
@@ -60,8 +60,8 @@ def replay(
         list[str] | None,
         typer.Option(metavar="ADDRESS", help="socketcan:vcan0, one per bus of the log; -: candump lines on stdout."),
     ] = None,
-    speed: Annotated[float, typer.Option(metavar="S", help="Log seconds per second.")] = 1.0,
-    loop: Annotated[int, typer.Option(metavar="N", min=1, help="Play it this often.")] = 1,
+    speed: Annotated[float, typer.Option(metavar="S", help="Speed, log seconds per second.")] = 1.0,
+    loop: Annotated[int, typer.Option(metavar="N", min=1, help="Number of repetitions.")] = 1,
     start: Annotated[float, typer.Option(metavar="S", min=0.0, help="Skip everything before, s.")] = 0.0,
     stop: Annotated[float | None, typer.Option(metavar="S", help="Skip everything after, s.")] = None,
     tracker: Annotated[

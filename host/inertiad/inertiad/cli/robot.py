@@ -36,25 +36,34 @@ def compile_command(
 def excite(
     robot: RobotFile,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Pose CSV; beside it FILE.json.")],
-    motion: Annotated[str, typer.Option(metavar="optimal|paper", help="Best found, or there and back.")] = "optimal",
-    duration: Annotated[float, typer.Option(metavar="S", help="Of the whole motion.")] = 20.0,
+    motion: Annotated[
+        str, typer.Option(metavar="optimal|paper", help="Optimised, or two poses back and forth.")
+    ] = "optimal",
+    duration: Annotated[float, typer.Option(metavar="S", help="Duration of the whole motion.")] = 20.0,
     sigma: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Shortest that reaches, e.g. mass=0.2%,cog=1mm,inertia=1%.")
+        str | None,
+        typer.Option(metavar="TEXT", help="Wanted sigmas, for the shortest motion: mass=0.2%,cog=1mm,inertia=1%."),
     ] = None,
-    poses: Annotated[int, typer.Option(metavar="N", min=0, max=60, help="Instead: N poses at rest.")] = 0,
-    hold: Annotated[float, typer.Option(metavar="S", min=0.5, max=100, help="At each of --poses.")] = 3.0,
+    poses: Annotated[int, typer.Option(metavar="N", min=0, max=60, help="Static poses instead of a motion.")] = 0,
+    hold: Annotated[float, typer.Option(metavar="S", min=0.5, max=100, help="Time at each static pose.")] = 3.0,
     start: Annotated[
         str | None, typer.Option(metavar="POSE", help="x,y,z,roll,pitch,yaw in m and deg; default: middle of the box.")
     ] = None,
-    end: Annotated[str | None, typer.Option(metavar="POSE", help="Other end of paper.")] = None,
+    end: Annotated[str | None, typer.Option(metavar="POSE", help="Other end of the paper motion.")] = None,
     criterion: Annotated[str, typer.Option(metavar="A|D", help="Sum of variances, or volume of uncertainty.")] = "A",
     starts: Annotated[int, typer.Option(metavar="N", min=1, max=200, help="Searches from random motions.")] = 4,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Same seed, same file.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed; the same seed gives the same file.")] = 0,
     box: Annotated[str | None, typer.Option(metavar="M", help="x_min,y_min,z_min,x_max,y_max,z_max of P.")] = None,
-    tilt: Annotated[float, typer.Option(metavar="DEG", min=1.0, max=80.0, help="At most, from level.")] = 30.0,
-    yaw: Annotated[float, typer.Option(metavar="DEG", min=1.0, max=170.0, help="At most, either way.")] = 35.0,
-    speed: Annotated[float, typer.Option(metavar="M/S", min=0.01, max=100.0, help="Tracker's limit.")] = 4.0,
-    acceleration: Annotated[float, typer.Option(metavar="M/S2", min=0.01, max=100.0, help="Tracker's limit.")] = 2.0,
+    tilt: Annotated[
+        float, typer.Option(metavar="DEG", min=1.0, max=80.0, help="Greatest tilt of the platform.")
+    ] = 30.0,
+    yaw: Annotated[float, typer.Option(metavar="DEG", min=1.0, max=170.0, help="Greatest yaw, either way.")] = 35.0,
+    speed: Annotated[
+        float, typer.Option(metavar="M/S", min=0.01, max=100.0, help="Greatest of the tracked point.")
+    ] = 4.0,
+    acceleration: Annotated[
+        float, typer.Option(metavar="M/S2", min=0.01, max=100.0, help="Greatest of the tracked point.")
+    ] = 2.0,
     picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw motion, tensions, sigma ellipses.")] = None,
 ) -> None:
     """Plan the most informative motion for mass, CoG and inertia within the robot's limits, and predict the sigmas.

@@ -25,7 +25,7 @@ def simulate(
     faults: Annotated[
         str, typer.Option(metavar="PRESET|FILE", help="ideal, modern, paper, faults.. (below), or a TOML file.")
     ] = "modern",
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Same seed, same files.")] = 0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed; the same seed gives the same files.")] = 0,
     body: Annotated[
         Path | None, typer.Option(metavar="FILE", help="True body: mass, cog, inertia_cog; .toml or .json.")
     ] = None,
@@ -36,13 +36,14 @@ def simulate(
         str, typer.Option(metavar="exact|rigid|elastic|FILE", help="Follow the trajectory exactly, or by forces.")
     ] = "exact",
     payload: Annotated[
-        list[str] | None, typer.Option(metavar="KG@S", help="Taken up at a time; KG@S@x,y,z or BODY.toml@S.")
+        list[str] | None,
+        typer.Option(metavar="KG@S", help="Payload taken up at a time; also KG@S@x,y,z or BODY.toml@S."),
     ] = None,
 ) -> None:
     """Simulate a run: CAN log, tracker positions and the truth behind them.
 
     --plant rigid or elastic: forward dynamics under a tracking controller that keeps tensions within their limits.
-    --faults also: lossy, dropouts, stuck, silent, blind, drift, clockstep, late: modern sensors with that on top.
+    --faults also: lossy, dropouts, stuck, silent, blind, drift, clockstep, late: modern sensors plus this fault.
     Keys of a plant FILE: python -m pydoc inertiad.model.forward_dynamics; of a fault FILE:
     python -m pydoc inertiad.simulate.sensor_models
     """

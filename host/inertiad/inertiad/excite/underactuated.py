@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans for fewer than six cables: the platform can be brought to rest where it hangs, and swings on the way.
 
-No motion can be commanded along the free directions, so what is planned are lengths: those of level poses, from rest to
-rest. Where the platform hangs on them, how it swings between, and the resulting information follow from
+No motion can be commanded along the free directions, so the plan consists of cable lengths: those of level poses, from
+rest to rest. Where the platform hangs on them, how it swings between, and the resulting information follow from
 forward_dynamics.py.
 """
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mistakes of wiring, units and mounting, detected from the data, each named with its remedy.
 
-Three kinds. What a look at the signals shows: nothing moves, a cable is slack, a sensor saturates, gravity has the
-wrong sign, positions are in mm. What a trial shows: the same runs are fitted again as if two channels were exchanged or
-the IMU turned; where the residual falls to less than half, and below every other trial's, that is the mistake. Trials
-are plain weighted least squares, so one costs milliseconds. And what only a fit of body and sensor errors together
-shows, because these would hide it: the radius of the pulleys, one more unknown.
+Three kinds of detection. Signals alone: nothing moves, a cable is slack, a sensor saturates, gravity has the wrong
+sign, positions are in mm. Trials: the same runs are fitted again as if two channels were exchanged or the IMU turned;
+a trial whose residual falls to less than half, and below every other trial's, is the mistake. Trials are plain weighted
+least squares and cost milliseconds each. Joint fit of body and sensor errors, for the pulley radius: sensor errors
+would hide it, so it is one more unknown of that fit.
 """
 
 from collections.abc import Iterator

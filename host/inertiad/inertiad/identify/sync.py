@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time alignment of a run's sources: delays with standard deviations, trigger edges, the host's clock, cost of errors.
 
-The tracker's delay against the IMU comes from the motion of both alone (time_delay.py), the forces' from the wrench
-balance with the tracker's put right (batch.hpp). sync.json holds both and, under "calibration", what robot.toml's
-[calibration] takes in with sync = "sync.json".
+The tracker's delay against the IMU comes from the motion of both alone (time_delay.py); the forces' delay from the
+wrench balance with the tracker's delay corrected (batch.hpp). sync.json holds both and, under "calibration", the keys
+that robot.toml reads with [calibration] sync = "sync.json".
 """
 
 import json

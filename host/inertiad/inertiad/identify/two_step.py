@@ -4,7 +4,7 @@
     f_P = (1/m) F - ([alpha]x + [w]x [w]x) rho                        first 1/m and rho, from the forces
     tau - m rho x f_P = L(alpha) J_P + w x (L(w) J_P)                 then J_P, from the moments
 alpha by central differences of the rate, every sample the same weight, one estimate per run, medians over runs.
-Platform axes about P. It takes the sensors as they are: no offsets, no misalignment.
+Platform axes about P. It assumes perfect sensors: no offsets, no misalignment.
 """
 
 from typing import Any, Final

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The LCM network that daemon and tools meet on."""
+"""Connections to the LCM network."""
 
 import os
 import socket

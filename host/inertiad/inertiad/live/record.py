@@ -3,7 +3,7 @@
 
 RUN/tracker.csv: valid positions or poses in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every
 message of the channel prefix or of --channels, TRACKER (with device time and lost samples) and the commanded POSE among
-them; RUN/header.json: host, and how its clock was kept.
+them; RUN/header.json: host, and the state of its clock.
 """
 
 import contextlib

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a recorded run again: frames to SocketCAN or as candump lines, tracker positions as LCM messages, in real time.
 
-The whole schedule is made before the first item is due; inertiad_replay.play() then only waits and writes.
+The whole schedule is computed before the first item is due; inertiad_replay.play() then only waits and writes.
 """
 
 import contextlib

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that follow from forces: winches under a controller, elastic cables that swing and sag, a free platform.
+"""Forward dynamics: winches under a controller, elastic cables that swing and sag, a free platform.
 
 The equations are those of host/eigen/include/inertiad/plant.hpp. The controller believes robot.toml and its [nominal]
 body; the plant has the true geometry and body. Six cables and more are given tensions: computed torque with an

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts to figures. A figure that would be empty is not made."""
+"""Figures from the report's data. Empty figures are left out."""
 
 from collections.abc import Iterator
 from typing import Final

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts to tables of text."""
+"""Tables of text from the report's data."""
 
 from typing import Final
 

@@ -62,7 +62,7 @@ gravity                              9.81                 m/s2, along -z of W
 [calibration] imu_alignment          [0, 0, 0]            rad, P: orientation of [imu] turned by this
 [calibration] position_delay,
               force_delay            0                    s, on top of [align]
-[calibration.std] as in [std]                             what `inertiactl calibrate` left over, instead of [std]
+[calibration.std] as in [std]                             sigmas after `inertiactl calibrate`, instead of [std]
 [calibration] names, covariance,                          of all corrections together, and unobservable parameters:
               not_told                                    for people and programs, not compiled
 ===================================  ===================  ==============================================================
@@ -263,7 +263,7 @@ class Estimator(Strict):
 
 
 class LeftOver(Strict):
-    """[calibration.std]: replaces entries of [std] by what a calibration left over."""
+    """[calibration.std]: replaces entries of [std] by the sigmas after a calibration."""
 
     acc_bias: Sigma | None = None
     gyro_bias: Sigma | None = None

@@ -4,7 +4,7 @@
 Attitude from a tracker that measures poses, by spherical interpolation. Rate from attitude: quaternions are fitted by a
 quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2, which is the paper's equation (4) without its
 singularity. Specific force from positions: the IMU point's path is fitted by such a spline x(t), and
-s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it gives is averaged over windows
+s = R^T (x'' + g z). The spline is differentiated, never the samples, and the result is averaged over windows
 afterwards, so noise in x enters as integral(phi'' x) would. Poses at rest, seconds apart, become one window each.
 
 What is derived is as wrong as the attitude and the positions it comes from; rows that hold it say so, and the batch
