@@ -76,7 +76,7 @@ def test_a_run_at_rest_tells_little_and_says_so(recordings: list[Recording]) -> 
     refused = {labels[i] for i in np.flatnonzero(found.refused)}
     assert {"position_delay", "force_delay"} <= refused
     assert (found.xi[found.refused] == 0.0).all()
-    assert "not told" in calibrate.text(found)
+    assert "not observable" in calibrate.text(found)
 
 
 def test_the_file_takes_what_was_found_into_the_configuration(tmp_path: Path, recordings: list[Recording]) -> None:

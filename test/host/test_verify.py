@@ -155,7 +155,7 @@ def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(r
         scale = old[old.index("(") + 1 : old.index(",")]
         new = old.replace(f"({scale},", f"({1.02 * float(scale):.9g},")
     edit(run / file, old, new)
-    assert f"differs from {record}, which the run was made with: {said}" in failed(run)["robot.toml"]
+    assert f"differs from {record}, the configuration of the run: {said}" in failed(run)["robot.toml"]
 
 
 @pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])

@@ -71,7 +71,7 @@ def read_candump(path: Path) -> CanLog:
             f"{path}: {found['n_bad']} lines left out, the first: {found['first_bad']}: {found['first_reason']}"
         )
     if found["n_reported_lost"]:
-        remarks.append(f"{path}: the logger reports {found['n_reported_lost']} frames")
+        remarks.append(f"{path}: the logger reports {found['n_reported_lost']} lost frames")
     arrays = {name: found[name] for name in ("t_ns", "can_id", "flags", "length", "bus", "data")}
     names = tuple(found["names"])
     return _by_name(CanLog(**arrays, names=names, source=str(path), remarks=tuple(remarks), n_damaged=found["n_bad"]))
