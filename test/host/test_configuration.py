@@ -113,7 +113,7 @@ def test_prior_std_given_in_robot_toml_is_used(robot_file):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('f_3 = "FORCE_A.f_3"', "", 'signals.f_3: missing: allowed: f_3 = "MESSAGE.signal"'),
+        ('f_3 = "FORCE_A.f_3"', "", 'signals.f_3: missing; add f_3 = "MESSAGE.signal"'),
         ("FORCE_A.f_3", "FORCE_A.f3", 'signals.f_3 = "FORCE_A.f3": no such signal in platform.dbc'),
         ("FORCE_A.f_3", "FORC_A.f_3", 'signals.f_3 = "FORC_A.f_3": no such message'),
         ("FORCE_A.f_3", "bus1:FORCE_A.f_3", "bus: allowed: bus0 to bus0"),
