@@ -55,7 +55,7 @@ def _attitude() -> list[Scene]:
 
 
 def _forces() -> list[Scene]:
-    some, all_six = ("hall", "hexa", "frame"), ("hall", "hexa", "frame", "facade")
+    some, turning = ("hall", "hexa", "frame"), ("hall", "hexa", "frame", "desk")
     winch = {"cables": {"force_at": "winch"}}
     drift, wander = Faults(offset_drift=1.0 / 60.0), {"std": {"force_offset_drift": 0.3}}
     hung = Scene("friction-lab-3%", ("lab",), "gallery", Faults(friction=0.03), 60.0)
@@ -73,9 +73,10 @@ def _forces() -> list[Scene]:
     ]
     for name, size in (("1%", 0.01), ("3%", 0.03)):
         faults = Faults(friction=size, force_at="winch")
-        scenes.append(Scene(f"friction-{name}", all_six, "fourier", faults, declare=winch))
+        scenes.append(Scene(f"friction-{name}", turning, "fourier", faults, declare=winch))
+        scenes.append(Scene(f"friction-{name}-facade", ("facade",), "fourier", faults, declare=winch))
         scenes.append(Scene(f"friction-{name}-pick", ("hall", "frame"), "pick", faults, declare=winch))
-    scenes.append(Scene("friction-3%-undeclared", all_six, "fourier", Faults(friction=0.03, force_at="winch")))
+    scenes.append(Scene("friction-3%-undeclared", turning, "fourier", Faults(friction=0.03, force_at="winch")))
     return scenes
 
 
