@@ -11,9 +11,11 @@ from scipy.interpolate import make_interp_spline
 from sensors import Course, Draws, Faults
 
 FINE = 400.0
-"""Hz of a course"""
+"""Hz of a course; a quarter of it where the sensors are slow, too"""
 COARSE = 100.0
-"""Hz at which tensions are solved; they are splines in between"""
+"""Hz at which tensions are solved; they are splines in between; half of it for a slow course"""
+SLOW = 100.0
+"""Hz: sensors below are slow"""
 
 
 class CannotMove(Exception):
@@ -56,11 +58,12 @@ def follow(
 
     CannotMove: a tension outside the robot's limits.
     """
-    coarse = track_of(motion, np.arange(0.0, motion.duration, 1.0 / COARSE))
+    coarse_dt, fine_dt = (1.0 / COARSE, 1.0 / FINE) if robot.rate >= SLOW else (2.0 / COARSE, 4.0 / FINE)
+    coarse = track_of(motion, np.arange(0.0, motion.duration, coarse_dt))
     cables = run_of(robot, coarse.p, coarse.R, *geometry)
     w = robot.weight_per_length if faults.cable_weight is None else faults.cable_weight
     outside = outside_wrench(robot, faults, draws, coarse)
-    fine = track_of(motion, np.arange(0.0, motion.duration - 1.0 / COARSE, 1.0 / FINE))
+    fine = track_of(motion, np.arange(0.0, motion.duration - coarse_dt, fine_dt))
     per_body = []
     for body in bodies:
         wrench = needed_wrench(coarse, body) - outside

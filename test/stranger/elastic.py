@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Courses of events by forces: winches pay out elastic, hanging, lumped-mass cables, and the platform goes where they pull.
+"""Courses of events by forces: winches pay out elastic lumped-mass cables, and the platform goes where they pull.
 
 The only way for fewer than six cables; with more, the way to cables that have inertia or go slack.
 """

@@ -74,7 +74,7 @@ def score(estimate: dict[str, Any], truth: dict[str, Any]) -> dict[str, Any]:
     value, std, true = np.array(_ten(estimate, "value")), np.array(_ten(estimate, "std")), np.array(_ten(truth, ""))
     seen = np.array(_ten(estimate["observable"], ""), dtype=bool)
     error = value - true
-    z = np.where(std > 0.0, error / np.where(std > 0.0, std, 1.0), np.inf * np.sign(error))
+    z = np.where(std > 0.0, error / np.where(std > 0.0, std, 1.0), 1e9 * np.sign(error))
 
     def worst(x: np.ndarray, part: slice) -> float | None:
         picked = np.abs(x[part])[seen[part]]

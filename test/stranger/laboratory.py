@@ -26,7 +26,7 @@ class Scene:
     faults: Faults = NO_FAULTS
     duration: float = 30.0
     declare: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """tables and keys of robot.toml on top of the robot's own"""
+    """tables and keys of robot.toml on top of the robot's own; what [std] declares is also drawn"""
     known: str = "residual"
     """what shows the fault: "declared" (drawn with the declared sigma), "residual", "silent" (no residual by nature)"""
     rate: float = 0.0
@@ -100,6 +100,7 @@ def _bodies(robot: Robot, faults: Faults, draws: Draws) -> list[Body]:
 def play(scene: Scene, robot_name: str, seed: int) -> tuple[Robot, Readings, dict[str, Any]]:
     """What the sensors read, and the truth. Same seed, same numbers."""
     robot = ROBOTS[robot_name]
+    robot = replace(robot, std=robot.std | {k: v for k, v in scene.declare.get("std", {}).items() if k in robot.std})
     if scene.rate:
         robot = replace(robot, rate=scene.rate, tracker_rate=min(robot.tracker_rate, scene.rate))
     draws = Draws(robot, scene.faults, seed)

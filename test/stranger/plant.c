@@ -180,20 +180,6 @@ static void step_cable(const plant_t* k, plant_state_t* s, int i, const double* 
     renew(k, i, c, free_length, speed);
 }
 
-static double energy_of(const plant_t* k, const plant_state_t* s, const plant_body_t* body)
-{
-    double e = 0.5 * body->mass * dot3(s->v, s->v) + 0.5 * dot3(s->L, s->omega) + s->elastic;
-    e += body->mass * k->gravity * s->c[2];
-    for (int i = 0; i < k->n_cables; i++) {
-        const cable_t* c = &s->cable[i];
-        for (int j = 0; j < c->n; j++) {
-            double m = k->density * k->spacing;
-            e += m * (0.5 * dot3(c->v[j], c->v[j]) + k->gravity * c->x[j][2]);
-        }
-    }
-    return e;
-}
-
 /// World position, velocity and acceleration of a point [P] of the body.
 static void point_of(const plant_state_t* s, const plant_body_t* body, const double* point, double* x, double* v,
                      double* a)
@@ -209,6 +195,25 @@ static void point_of(const plant_state_t* s, const plant_body_t* body, const dou
         v[j] = s->v[j] + w[j];
         a[j] = s->a[j] + t[j] + ww[j];
     }
+}
+
+/// Kinetic, elastic and potential energy of body and cables.
+static double energy_of(const plant_t* k, const plant_state_t* s, const plant_body_t* body, const double* length)
+{
+    double e = 0.5 * body->mass * dot3(s->v, s->v) + 0.5 * dot3(s->L, s->omega) + s->elastic;
+    e += body->mass * k->gravity * s->c[2];
+    for (int i = 0; i < k->n_cables && k->spacing > 0.0; i++) {
+        const cable_t* c = &s->cable[i];
+        double first = length[i] - k->radius * s->wrap[i] - c->n * k->spacing, x[3], v[3], a[3];
+        point_of(s, body, k->attachment[i], x, v, a);
+        e += 0.5 * k->density * k->spacing * (0.5 * dot3(v, v) + k->gravity * x[2]);
+        e += 0.5 * k->density * first * k->gravity * k->anchor[i][2];
+        for (int j = 0; j < c->n; j++) {
+            double m = k->density * 0.5 * (k->spacing + (j + 1 < c->n ? k->spacing : first));
+            e += m * (0.5 * dot3(c->v[j], c->v[j]) + k->gravity * c->x[j][2]);
+        }
+    }
+    return e;
 }
 
 /// One step; push: N, at the lean point. resist [1/s] brakes the body while it settles.
@@ -352,7 +357,7 @@ void plant_run(const plant_t* k, const double* lengths, const double* push, plan
             memcpy(r->tension, s->tension, sizeof s->tension);
             memcpy(r->top, s->top, sizeof s->top);
             memcpy(r->wrap, s->wrap, sizeof s->wrap);
-            r->energy = energy_of(k, s, body);
+            r->energy = energy_of(k, s, body, length);
         }
     }
 }

@@ -34,8 +34,10 @@ def _declared() -> list[Scene]:
         ("swing", ("hall", "four", "lab")),
     ):
         scenes.append(Scene(f"declared-{motion}", robots, motion, known="declared"))
+    scenes.append(Scene("declared-60s", ("four", "hall", "hexa"), "fourier", duration=60.0, known="declared"))
+    scenes.append(Scene("declared-pick-60s", ("hall", "hexa", "frame"), "pick", duration=60.0, known="declared"))
     ideal = Faults(perfect=True)
-    scenes.append(Scene("perfect", DRIVEN + ("four",), "fourier", ideal, known="declared"))
+    scenes.append(Scene("perfect", (*DRIVEN, "four"), "fourier", ideal, known="declared"))
     long = Faults(without=("acc_bias", "attitude", "imu_alignment", "imu_position", "force_offset", "geometry"))
     scenes.append(Scene("gain-600s", ("hall", "hexa"), "fourier", long, 600.0, known="declared", rate=25.0))
     return scenes
@@ -46,14 +48,16 @@ def _attitude() -> list[Scene]:
     scenes = []
     for kind, (name, tilt) in product(("mahony", "madgwick", "kalman"), (("0.5deg", 0.5), ("4deg", 4.0))):
         robots = some if kind == "mahony" else some[:2] if kind == "madgwick" else some[2:]
+        robots = (*robots, "four") if kind == "mahony" else robots
         scenes.append(Scene(f"ahrs-{name}-{kind}", robots, "fourier", Faults(ahrs=kind, ahrs_tilt=tilt * DEG)))
     scenes.append(Scene("attitude-late-20ms", some, "fourier", Faults(attitude_delay=0.020)))
     return scenes
 
 
 def _forces() -> list[Scene]:
-    some, all_six = ("hall", "hexa", "frame"), ("hall", "hexa", "frame", "facade")
+    some, turning = ("hall", "hexa", "frame"), ("hall", "hexa", "frame", "desk")
     winch = {"cables": {"force_at": "winch"}}
+    drift, wander = Faults(offset_drift=1.0 / 60.0), {"std": {"force_offset_drift": 0.3}}
     hung = Scene("friction-lab-3%", ("lab",), "gallery", Faults(friction=0.03), 60.0)
     scenes = [
         Scene("forces-late-5ms", some, "fourier", Faults(force_delay=0.005)),
@@ -62,15 +66,17 @@ def _forces() -> list[Scene]:
         Scene("forces-butterworth-5Hz", ("hall",), "fourier", Faults(lowpass="butterworth", lowpass_hz=5.0)),
         hung,
         Scene("hysteresis-0.5%", some, "fourier", Faults(hysteresis=0.005)),
-        Scene("offset-drift-1N/min", some, "fourier", Faults(offset_drift=1.0 / 60.0), 300.0, rate=50.0),
+        Scene("offset-drift-1N/min", some, "fourier", drift, 300.0, rate=50.0),
+        Scene("offset-drift-declared", some, "fourier", drift, 300.0, wander, rate=50.0),
         Scene("quantised-12bit", some, "fourier", Faults(quantum=1.2)),
         Scene("gain-common-2%", some, "fourier", Faults(common_gain=0.02), known="silent"),
     ]
     for name, size in (("1%", 0.01), ("3%", 0.03)):
         faults = Faults(friction=size, force_at="winch")
-        scenes.append(Scene(f"friction-{name}", all_six, "fourier", faults, declare=winch))
+        scenes.append(Scene(f"friction-{name}", turning, "fourier", faults, declare=winch))
+        scenes.append(Scene(f"friction-{name}-facade", ("facade",), "fourier", faults, declare=winch))
         scenes.append(Scene(f"friction-{name}-pick", ("hall", "frame"), "pick", faults, declare=winch))
-    scenes.append(Scene("friction-3%-undeclared", all_six, "fourier", Faults(friction=0.03, force_at="winch")))
+    scenes.append(Scene("friction-3%-undeclared", turning, "fourier", Faults(friction=0.03, force_at="winch")))
     return scenes
 
 
@@ -120,18 +126,22 @@ def _disturbed() -> list[Scene]:
     return scenes
 
 
-def _all_at_once() -> Scene:
+def _all_at_once() -> list[Scene]:
     """AHRS 1.5 deg, yaw 1 deg, Bessel, hysteresis 0.2 %, friction 1 %, gain 1 %, scales 0.3 %, hose, geometry 3 mm."""
-    faults = Faults(
-        ahrs="mahony", ahrs_tilt=1.5 * DEG, yaw_wander=1.0 * DEG, lowpass="bessel", lowpass_hz=15.0, hysteresis=0.002,
-        friction=0.01, force_at="winch", acc_scale=0.003, gyro_scale=0.003, hose=15.0,
-    )  # fmt: skip
-    declare = {
-        "cables": {"force_at": "winch"},
-        "external": {"constant": True, "stiffness": True, "attachment": (HOSE_AT * ROBOTS["hall"].size).tolist()},
-        "std": {"geometry": 0.003, "force_gain": 0.01},
-    }
-    return Scene("all-at-once", ("hall",), "fourier", faults, 60.0, declare=declare)
+    scenes = []
+    for robot in ("hall", "hexa", "frame"):
+        faults = Faults(
+            ahrs="mahony", ahrs_tilt=1.5 * DEG, yaw_wander=1.0 * DEG, lowpass="bessel", lowpass_hz=15.0,
+            hysteresis=0.002, friction=0.01, force_at="winch", acc_scale=0.003, gyro_scale=0.003,
+            hose=0.1 * ROBOTS[robot].mass,
+        )  # fmt: skip
+        declare = {
+            "cables": {"force_at": "winch"},
+            "external": _hose(robot),
+            "std": {"geometry": 0.003, "force_gain": 0.01},
+        }
+        scenes.append(Scene("all-at-once", (robot,), "fourier", faults, 60.0, declare=declare))
+    return scenes
 
 
-SCENES = [*_declared(), *_attitude(), *_forces(), *_cables(), *_geometry(), *_disturbed(), _all_at_once()]
+SCENES = [*_declared(), *_attitude(), *_forces(), *_cables(), *_geometry(), *_disturbed(), *_all_at_once()]

@@ -101,6 +101,8 @@ class Draws:
 
     def __init__(self, robot: Robot, faults: Faults, seed: int):
         self.dice = np.random.default_rng([seed, 77, *robot.name.encode()])
+        self.aside = np.random.default_rng([seed, 78, *robot.name.encode()])
+        """for spikes and gaps: all else stays what it is without them"""
         self.std = {k: 0.0 if faults.perfect or k in faults.without else v for k, v in robot.std.items()}
         self.noise = 1e-3 if faults.perfect else 1.0
         self.drawn: dict[str, Any] = {}
@@ -244,8 +246,9 @@ def _forces(robot: Robot, faults: Faults, draws: Draws, course: Course, when: np
     if faults.quantum:
         f = faults.quantum * np.rint(f / faults.quantum)
     if faults.force_spikes:
-        where = draws.dice.choice(np.arange(n // 10, n - n // 20), faults.force_spikes, replace=False)
-        f[where, draws.dice.integers(0, m, len(where))] += middle.mean() * draws.dice.uniform(2.0, 6.0, len(where))
+        where = draws.aside.choice(np.arange(n // 10, n - n // 20), faults.force_spikes, replace=False)
+        size = middle.mean() * draws.aside.uniform(2.0, 6.0, len(where))
+        f[where, draws.aside.integers(0, m, len(where))] += size
     _broken(f, faults.broken)
     return f
 
@@ -258,12 +261,13 @@ def _tracker(robot: Robot, faults: Faults, draws: Draws, track: Track) -> dict[s
     late = faults.position_delay + float(draws.normal("position_delay", 1)[0])
     x = _at(track.t, place, t - late) + draws.white(robot.tracker_noise, len(t), 3)
     if faults.tracker_spikes:
-        where = draws.dice.choice(np.arange(len(t) // 10, len(t)), faults.tracker_spikes, replace=False)
-        x[where] += 8.0 * np.array([draws.direction() for _ in where])
+        where = draws.aside.choice(np.arange(len(t) // 10, len(t)), faults.tracker_spikes, replace=False)
+        away = draws.aside.standard_normal((len(where), 3))
+        x[where] += 8.0 * away / np.linalg.norm(away, axis=1, keepdims=True)
     keep = np.ones(len(t), dtype=bool)
     for _ in range(faults.tracker_gaps):
-        first = draws.dice.uniform(0.2, 0.9) * t[-1]
-        keep &= (t < first) | (t > first + draws.dice.uniform(0.1, 1.5))
+        first = draws.aside.uniform(0.2, 0.9) * t[-1]
+        keep &= (t < first) | (t > first + draws.aside.uniform(0.1, 1.5))
     return {"t": t[keep], "x": x[keep, 0], "y": x[keep, 1], "z": x[keep, 2]}
 
 

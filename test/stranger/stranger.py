@@ -72,6 +72,14 @@ def one(number: int, robot: str, seed: int, keep: Path | None) -> dict[str, Any]
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def save(path: Path, results: list[dict[str, Any]]) -> None:
+    """Write the results by scene; called every few runs, so that a bench that is stopped leaves what it had."""
+    order = {scene.name: k for k, scene in enumerate(SCENES)}
+    results.sort(key=lambda r: (order[r["scene"]], r["robot"], r["seed"]))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
 def wanted(words: str) -> list[tuple[int, str]]:
     """Scene numbers and robots whose "scene/robot" contains one of the words; =NAME is a whole scene or scene/robot."""
     picked = words.split()
@@ -110,15 +118,14 @@ def main() -> int:
         running = [pool.submit(one, *task, asked.keep and asked.keep.resolve()) for task in tasks]
         for done, future in enumerate(as_completed(running), 1):
             results.append(future.result())
+            if done % 10 == 0:
+                save(asked.output, results)
             if sys.stderr.isatty():
                 print(f"\r{done} of {len(tasks)} runs, {time.monotonic() - start:.0f} s ", end="", file=sys.stderr)
-    order = {scene.name: k for k, scene in enumerate(SCENES)}
-    results.sort(key=lambda r: (order[r["scene"]], r["robot"], r["seed"]))
     for folder in OUT.glob("runs.*"):
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
-    asked.output.parent.mkdir(parents=True, exist_ok=True)
-    asked.output.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    save(asked.output, results)
     for line in table(results):
         print(line)
     print(f"{len(results)} runs, seeds {asked.seeds}, {time.monotonic() - start:.0f} s; {asked.output}")

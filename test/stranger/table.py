@@ -75,11 +75,76 @@ def table(results: list[dict[str, Any]]) -> list[str]:
             lines.append(
                 f"{said}: {len(runs)} runs; " + "; ".join(sure_and_wrong(runs, c) for c in ("platform", "fit"))
             )
-    lines += _failures(results)
+    lines += _beside_undisturbed(results) + _found_changes(results) + _failures(results)
     keys = Counter(key for r in results for key in r.get("unknown_keys", []))
     if keys:
         told = ", ".join(f"{key} ({n} runs)" for key, n in keys.items())
         lines.append(f"keys that this build does not know, taken out of robot.toml: {told}")
+    return lines
+
+
+UNDISTURBED = {
+    "tracker-spikes-10": "declared",
+    "force-spikes-10": "declared",
+    "tracker-gaps": "declared",
+    "pushed": "declared-60s",
+    "pushed-four": "declared-60s",
+}
+"""scenes whose runs are those of another scene, robot and seed alike, with a disturbance on top"""
+
+
+def _shift(disturbed: dict[str, Any], quiet: dict[str, Any]) -> float | None:
+    """Largest change of an observable parameter, in sigma of the undisturbed run."""
+    if "value" not in disturbed or "value" not in quiet:
+        return None
+    columns = zip(disturbed["value"], quiet["value"], quiet["std"], quiet["observable"], strict=True)
+    return max((abs(a - b) / std for a, b, std, seen in columns if seen and std > 0.0), default=None)
+
+
+def _beside_undisturbed(results: list[dict[str, Any]]) -> list[str]:
+    """How far disturbances carry the estimate away from the same run without them."""
+    quiet = {(r["scene"], r["robot"], r["seed"]): r for r in results}
+    lines = []
+    for scene, other in UNDISTURBED.items():
+        for column in ("platform", "fit"):
+            pairs = [(r, quiet.get((other, r["robot"], r["seed"]))) for r in results if r["scene"] == scene]
+            shifts = [_shift(r[column], q[column]) for r, q in pairs if q is not None]
+            known = [s for s in shifts if s is not None]
+            if known:
+                said = f"median {median(known):.2f}, worst {max(known):.1f} sigma from the same run without"
+                lines.append(f"{scene}, {column}: {said} ({len(known)} runs)")
+    return lines
+
+
+def _found_changes(results: list[dict[str, Any]]) -> list[str]:
+    """When the platform noticed changes of payload, and how often there was none."""
+    lines = []
+    for scene in dict.fromkeys(r["scene"] for r in results if "change_s" in r.get("truth", {})):
+        runs = [r for r in results if r["scene"] == scene and "change_times" in r["platform"]]
+        late = [[t - r["truth"]["change_s"] for t in r["platform"]["change_times"]] for r in runs]
+        found = [min(t for t in times if t >= 0.0) for times in late if any(0.0 <= t <= 10.0 for t in times)]
+        false = sum(sum(not 0.0 <= t <= 10.0 for t in times) for times in late)
+        within = f"found after {median(found):.2f} s (median), {max(found):.2f} s (worst)" if found else "none found"
+        lines.append(f"{scene}: {within}, {len(runs) - len(found)} of {len(runs)} missed within 10 s, {false} false")
+    return lines
+
+
+def sigmas(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> list[str]:
+    """Ratio of published sigma, after / before, of runs in both with declared errors only: medians by robot."""
+    was = {(r["scene"], r["robot"], r["seed"]): r for r in before}
+    ratios: dict[tuple[str, str], list[float]] = {}
+    for r in after:
+        old = was.get((r["scene"], r["robot"], r["seed"]))
+        if r["known"] != "declared" or old is None or r["scene"] == "perfect":
+            continue
+        for column in ("platform", "fit"):
+            if "std" in r[column] and "std" in old[column]:
+                pairs = zip(r[column]["std"], old[column]["std"], old[column]["observable"], strict=True)
+                ratios.setdefault((column, r["robot"]), []).extend(a / b for a, b, seen in pairs if seen and b > 0.0)
+    lines = [f"{column:9} {robot:8} sigma x {median(v):.2f} ({len(v)} values)" for (column, robot), v in ratios.items()]
+    for column in ("platform", "fit"):
+        every = [v for (c, _), values in ratios.items() if c == column for v in values]
+        lines += [f"{column:9} all      sigma x {median(every):.2f}"] if every else []
     return lines
 
 
@@ -94,5 +159,16 @@ def _failures(results: list[dict[str, Any]]) -> list[str]:
     return [f"failed {n} times: {said}" for said, n in failed.items()]
 
 
+def main(arguments: list[str]) -> int:
+    """table.py RESULTS.json... prints their table; table.py --sigma BEFORE.json AFTER.json the ratio of sigmas."""
+    beside = arguments[:1] == ["--sigma"]
+    read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in arguments[beside:]]
+    if not read or (beside and len(read) != 2):
+        print(main.__doc__, file=sys.stderr)
+        return 2
+    print("\n".join(sigmas(*read) if beside else table([run for results in read for run in results])))
+    return 0
+
+
 if __name__ == "__main__":
-    print("\n".join(table([run for path in sys.argv[1:] for run in json.loads(Path(path).read_text())])))
+    sys.exit(main(sys.argv[1:]))
