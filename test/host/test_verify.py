@@ -14,6 +14,8 @@ from conftest import COGIRO, TOP
 from inertiad import compile, lcmlog, verify
 from inertiad import robot as description
 
+pytestmark = pytest.mark.slow
+
 DAEMON = TOP / "build/bin/inertiad"
 
 
