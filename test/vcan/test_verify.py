@@ -69,7 +69,7 @@ def verdicts(tmp_path_factory) -> dict[str, tuple[int, dict[str, str]]]:
         )
     arguments = json.dumps([[str(a) for a in one] for one in each])
     command = [sys.executable, "-c", VERIFY_EACH, arguments]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # as inertiactl has it; threads that wait would stall the guest
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # as inertiactl: waiting threads stall a guest
     result = subprocess.run(command, capture_output=True, text=True, timeout=600, env=environment)
     print(result.stdout, result.stderr)
     status = [int(line.split()[1]) for line in result.stdout.splitlines() if line.startswith("exit ")]
