@@ -113,9 +113,18 @@ demo: build
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
+TESTED := build unit-programs accept-programs
+PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(shell nproc))
+
 ## Run every test; ends with one line: N passed, N failed, N skipped
-test: .venv/test.stamp build unit-programs asan-programs accept-programs vcan-runs
+test: .venv/test.stamp
+	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED) vcan-runs asan-programs
 	@$(PY) tools/test unit laws host vcan asan
+
+## Run the quick tests: unit, laws, and those of the host that are not marked slow
+test-quick: .venv/test.stamp
+	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED)
+	@$(PY) tools/test --quick unit laws host
 
 ## Test the stages of the core (Unity)
 test-unit: unit-programs
@@ -138,7 +147,7 @@ test-asan: asan-programs
 	@$(PY) tools/test asan
 
 unit-programs: $(UNIT)
-asan-programs:
+asan-programs: $(UNITY_DIR)/unity.c | $(GEN)
 	@$(MAKE) --no-print-directory B=build/asan OPT='-O1 -g' \
 	    SANITIZE='-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer' unit-programs
 
@@ -248,5 +257,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -66,6 +66,7 @@ def test_compile_writes_what_the_core_reads(inertiactl, tmp_path):
     assert inertiad_core.Config((tmp_path / "robot.cfg").read_bytes()).n_cables == 8
 
 
+@pytest.mark.slow
 def test_simulate_then_compile_the_run(inertiactl, tmp_path):
     run = tmp_path / "run"
     arguments = ["--trajectory", "hold", "--duration", "0.5", "--faults", "modern", "--seed", "7", "-o", run]
@@ -75,6 +76,7 @@ def test_simulate_then_compile_the_run(inertiactl, tmp_path):
     assert inertiactl("compile", run / "robot.toml", "-o", run / "robot.cfg").returncode == 0
 
 
+@pytest.mark.slow
 def test_encode_then_compile_the_run(inertiactl, tmp_path):
     robot, signals, tracker, run = (tmp_path / n for n in ("robot.toml", "signals.csv", "tracker.csv", "run"))
     robot.write_text(minimal_toml(4))

@@ -65,6 +65,7 @@ def answers(lines: list[dict]) -> list[tuple[bool, str]]:
     return [(line["done"], line["answer"]) for line in lines if "answer" in line]
 
 
+@pytest.mark.slow
 def test_every_command_is_answered_recorded_and_counted(moving, tmp_path):
     record = tmp_path / "run.lcmlog"
     steps = ["2", "freeze", "0.3", "freeze", "resume", "reset", "tare", "mark=load on", f"configure={moving}/robot.cfg"]
@@ -114,6 +115,7 @@ def test_frozen_estimate_stays_and_resumed_one_goes_on(moving, tmp_path):
     assert 0 <= windows[1][0] - windows[0][-1] <= 1
 
 
+@pytest.mark.slow
 def test_tare_at_rest_finds_the_bias_and_survives_a_restart(resting, tmp_path):
     record, state = tmp_path / "run.lcmlog", tmp_path / "state"
     lines, _ = session(resting, ["3.5", "tare", "0.5"], "--record", record, "--checkpoint", state)

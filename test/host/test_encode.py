@@ -90,6 +90,7 @@ def layouts(draw):
     return Layout(text + "\n" + "\n".join(types) + "\n", signals, raw)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(layouts())
 def test_random_database_decodes_to_what_was_encoded(tmp_path_factory, layout):

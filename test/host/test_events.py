@@ -54,6 +54,7 @@ def counters(result: subprocess.CompletedProcess) -> dict[str, int]:
     return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
 
 
+@pytest.mark.slow
 def test_sensor_that_falls_silent_is_told_lost_and_back(run, tmp_path):
     lines = (run / "can.log").read_text().splitlines()
     begin = stamp(lines[0])

@@ -73,6 +73,7 @@ def test_gradient_is_that_of_the_lagrangian(request_, criterion):
     assert (values[0] - values[1]) / (2 * step) == pytest.approx(float(np.sum(gradient * along)), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, best):
     checker, path = request_.checker, trajectory.paper()
     t = fisher_information.sample_times(path)
@@ -92,6 +93,7 @@ def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, 
     assert p.cost(checker.model.windows(motion, f, 100.0))[0] + doubled < min(costs)
 
 
+@pytest.mark.slow
 def test_motion_keeps_every_limit_and_rests_at_both_ends(request_, best):
     t = np.arange(0.0, best.path.duration, 0.013)
     motion = best.path.at(t)
@@ -108,6 +110,7 @@ def test_motion_keeps_every_limit_and_rests_at_both_ends(request_, best):
         assert np.abs(values).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_motion_driven_on_elastic_cables_keeps_the_tensions(best):
     moved = best.driven
     assert moved.duration == best.path.duration
@@ -126,6 +129,7 @@ def test_motion_that_breaks_a_tension_when_driven_is_refused(request_):
         planner.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
 
 
+@pytest.mark.slow
 def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best, tmp_path):
     plan_file.write_csv(tmp_path / "x.csv", request_, best)
     data = np.genfromtxt(tmp_path / "x.csv", delimiter=",", names=True)
@@ -137,6 +141,7 @@ def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best
     assert np.abs(back.R - R).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_path):
     plan_file.write_csv(tmp_path / "x.csv", request_, best)
     reported = []
@@ -149,6 +154,7 @@ def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_p
     assert np.all((ratio > 1 / 1.3) & (ratio < 1.3)), ratio
 
 
+@pytest.mark.slow
 def test_same_seed_same_motion(request_):
     p = problem_of(request_, duration=5.0)
     a, b = (searching.search(p, 3, 0) for _ in range(2))
@@ -156,6 +162,7 @@ def test_same_seed_same_motion(request_):
     assert np.array_equal(a[1], b[1])
 
 
+@pytest.mark.slow
 def test_poses_at_rest_tell_mass_and_cog(request_):
     plan = planner.static_poses(request_, 5, 2.0, lambda step: None)
     prior = request_.checker.model.prior_sigma()
@@ -170,6 +177,7 @@ def test_paper_there_and_back(tmp_path):
     assert np.allclose(middle, [start[:3], end[:3]])
 
 
+@pytest.mark.slow
 def test_unreachable_sigma_names_what_limits_it(request_, best):
     wanted = requests.wanted_sigma("mass=0.01%", request_.checker.model)
     assert "[std] force_gain = 0.005" in planner._out_of_reach(request_.checker.model, best, wanted)
@@ -238,6 +246,7 @@ FOUR += BODY.replace("cog = [0, 0, 0]", "cog = [0.03, -0.02, -0.1]")
 """Four cables that do not all point to one place, so that a millimetre leaves none of them slack."""
 
 
+@pytest.mark.slow
 def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
     file = robot_file(FOUR)
     request, plan = requests.plan(file, requests.Arguments(poses=3, hold=1.5), 1, 0, lambda step: None)
@@ -268,6 +277,7 @@ def test_four_cables_that_hang_nowhere_in_the_box(robot_file):
         requests.plan(robot_file(FOUR), words, 1, 0, lambda step: None)
 
 
+@pytest.mark.slow
 def test_command_writes_plan_prediction_and_picture(inertiactl, tmp_path):
     files = ["-o", tmp_path / "p.csv", "--picture", tmp_path / "p.png"]
     result = inertiactl("excite", ROBOT, "--motion", "paper", *files)

@@ -280,6 +280,7 @@ def test_rate_from_attitude_has_the_gyros_sign_and_size() -> None:
     assert np.abs(ideal.gyro).max() > 0.3
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_schema_and_names_bad_input(tmp_path: Path, recording: Recording) -> None:
     program = str(TOP / "build/bin/inertiactl")
     out = tmp_path / "e.json"
@@ -310,6 +311,7 @@ def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
         reader.read(tmp_path)
 
 
+@pytest.mark.slow
 def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, config: object) -> None:
     """Against generalised least squares with the dense covariance of wander and noise over all windows."""
     free = [True] * 3 + [False] * 28

@@ -16,6 +16,8 @@ from inertiad.check import verify
 from inertiad.robot import configuration, dbc, description
 from inertiad.run import lcmlog
 
+pytestmark = pytest.mark.slow
+
 DAEMON = TOP / "build/bin/inertiad"
 
 
