@@ -19,10 +19,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from inertiad.base.body import NAMES, UNITS, Body, errors, of_message, read, read_json, read_truth
+from inertiad.base.body import NAMES, UNITS, Body, errors, of_message, read, read_truth
+from inertiad.base.channels import DEFAULT_URL
 from inertiad.base.error import InputError
+from inertiad.base.text_files import read_json
 from inertiad.identify import two_step
-from inertiad.live.lcm_network import DEFAULT_URL, connect
+from inertiad.live.lcm_network import connect
 from inertiad_lcm import estimate_t
 
 matplotlib.use("Agg")

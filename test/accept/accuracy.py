@@ -11,13 +11,14 @@ from scenes import COGIRO
 from verdict import FIRST, Verdict, scratch, within
 
 from inertiad.base.table import Table
+from inertiad.base.text_files import read_toml
 from inertiad.identify import calibrate, fit
 from inertiad.model import trajectory
+from inertiad.model.random_errors import Dice
 from inertiad.robot import description
 from inertiad.run import derived_motion, reader
 from inertiad.run.reader import Recording
 from inertiad.simulate import sensor_models, simulator
-from inertiad.simulate.sensor_models import Dice
 
 Z95 = 1.96
 ANY = np.inf
@@ -53,10 +54,10 @@ def t2() -> Verdict:
     drawn = sensor_models.draw(level, robot.n_cables, dice)
     config = reader.config_of(robot, str(COGIRO))
     assert robot.nominal is not None
-    mechanics = simulator.Mechanics(config, robot, robot.nominal, drawn, 0.0)
+    mechanics = simulator.Mechanics(config, robot, robot.nominal)
     motion = trajectory.paper()
     t = np.arange(int(motion.duration * 1000.0)) / 1000.0
-    signals = simulator.measure_signals(robot, mechanics, motion, t, level, 1000.0, dice)
+    signals = simulator.measure_signals(robot, mechanics, motion, t, level, drawn, 1000.0, dice)
     x = Table(signals.t, dict(zip("xyz", motion.at(t).p.T, strict=True)), "")
     rows = reader.aligned(derived_motion.Completed(robot, signals, x), "ideal")
     found = np.array(fit.wls(config, [Recording(COGIRO, robot, rows, 0, 0, {})]).body.value)
@@ -160,7 +161,7 @@ def t13(n: int = 8) -> Verdict:
         robot = recordings[0].robot
         file = scratch("calibration.toml")
         calibrate.write(file, calibrate.calibrate(robot, reader.config_of(robot, ""), recordings, {weight: 20.0}))
-        told = description.Calibration.model_validate(description.read_toml(file))
+        told = description.Calibration.model_validate(read_toml(file))
         own = description.load(full / "robot.toml").model_copy(update={"calibration": told, "nominal": None})
         e, true = scenes.platform(full, own).estimate, scenes.truth(full)
         found.append(scenes.scaled(np.array([e["mass"], *e["cog"], *e["inertia_cog"]]) - true, true))

@@ -12,11 +12,11 @@ from verdict import FIRST, Verdict
 import inertiad_core
 from inertiad.base.table import Table
 from inertiad.model import trajectory
+from inertiad.model.random_errors import Dice
 from inertiad.robot import dbc, description
 from inertiad.robot.description import Robot
 from inertiad.run import encode, reader
 from inertiad.simulate import sensor_models, simulator
-from inertiad.simulate.sensor_models import Dice
 
 RATE, DURATION, START, RAMP = 100.0, 40.0, 30.0, 0.5  # Hz, s
 LIMITS = ((300.0, 0.5), (10.0, 0.6))  # kg, s
@@ -46,8 +46,8 @@ def _measured(robot: Robot, mass: float, seed: int) -> tuple[Table, Table]:
         true = simulator.with_true_geometry(robot, drawn)
         body = scenes.loaded(robot, added) if added else robot.nominal
         assert body is not None
-        mechanics = simulator.Mechanics(reader.config_of(true, ""), true, body, drawn, 0.0)
-        tables.append(simulator.measure_signals(robot, mechanics, motion, t, level, RATE, dice))
+        mechanics = simulator.Mechanics(reader.config_of(true, ""), true, body)
+        tables.append(simulator.measure_signals(robot, mechanics, motion, t, level, drawn, RATE, dice))
     share = np.clip((t - START) / RAMP, 0.0, 1.0)
     empty, full = tables
     columns = {

@@ -17,7 +17,7 @@ sys.path[:0] = [str(TOP / "host/inertiad"), str(TOP / "build/python")]
 
 import inertiad_core  # noqa: E402
 from inertiad.base import quantity  # noqa: E402
-from inertiad.model import trajectory  # noqa: E402
+from inertiad.model import random_errors, trajectory  # noqa: E402
 from inertiad.robot import configuration, description  # noqa: E402
 from inertiad.robot.description import Nominal, Robot  # noqa: E402
 from inertiad.run import reader  # noqa: E402
@@ -113,7 +113,7 @@ def quiet_rows(level: str, rate: float, seed: int, motions: list[trajectory.Spli
 
     With the systematic errors drawn by seed and a true geometry of its own, without noise, wander, swing and delays.
     """
-    robot, dice = description.load(COGIRO), sensor_models.Dice(seed)
+    robot, dice = description.load(COGIRO), random_errors.Dice(seed)
     still = {k: 0.0 for k in sensor_models.Faults.model_fields if "noise" in k}
     quiet = LEVELS[level].model_copy(
         update=still | {"attitude_wander_deg": 0.0, "cable_swing": 0.0, "tracker_delay": 0.0, "force_delay_max": 0.0}
@@ -121,11 +121,11 @@ def quiet_rows(level: str, rate: float, seed: int, motions: list[trajectory.Spli
     drawn = sensor_models.draw(quiet, robot.n_cables, dice)
     true = simulator.with_true_geometry(robot, drawn)
     assert robot.nominal is not None
-    mechanics = simulator.Mechanics(reader.config_of(true, ""), true, robot.nominal, drawn, 0.0)
+    mechanics = simulator.Mechanics(reader.config_of(true, ""), true, robot.nominal)
     parts = []
     for motion in motions:
         t = np.arange(int(motion.duration * rate)) / rate
-        signals = simulator.measure_signals(robot, mechanics, motion, t, quiet, rate, dice)
+        signals = simulator.measure_signals(robot, mechanics, motion, t, quiet, drawn, rate, dice)
         imu = signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
         f = signals.stack(*quantity.forces(robot.n_cables))
         parts.append(np.hstack([imu, simulator.tracker_target(robot, motion.at(t)), f]))

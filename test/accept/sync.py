@@ -13,10 +13,11 @@ from scenes import COGIRO, LEVELS, OUT
 from inertiad.base import quantity
 from inertiad.identify import sync
 from inertiad.model import trajectory
+from inertiad.model.random_errors import Dice
 from inertiad.robot import dbc, description
 from inertiad.robot.description import Robot
 from inertiad.run import encode
-from inertiad.simulate import bus_timing, simulator
+from inertiad.simulate import bus_timing, sensor_models, simulator
 
 FIRST = 5000
 CASES = {
@@ -47,7 +48,7 @@ def errors(case: str, seed: int) -> np.ndarray:
     robot, folder = description.load(source), OUT / f"runs/sync_{source.stem}_{name}_{seed}"
     run = simulator.Run(source, robot, robot.nominal, trajectory.paper(), "paper", level, name, rate, seed)
     simulator.simulate(run, folder, lambda _: None)
-    true_force = simulator.sensor_models.draw(level, robot.n_cables, simulator.Dice(seed)).force_delay + waits(robot)
+    true_force = sensor_models.draw(level, robot.n_cables, Dice(seed)).force_delay + waits(robot)
     position, (force, std) = sync.delays(description.load(folder / "robot.toml"), folder)
     return np.array([position.value - level.tracker_delay, position.std, force - true_force, std])
 

@@ -9,8 +9,8 @@ import pytest
 from conftest import AFTER_IMU
 
 import inertiad_core
-from inertiad.base.body import read_json
 from inertiad.base.error import InputError
+from inertiad.base.text_files import read_json
 from inertiad.identify import calibrate, fit
 from inertiad.robot import description
 from inertiad.run import reader

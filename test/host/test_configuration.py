@@ -17,6 +17,7 @@ from inertiad.base.quantity import QUANTITIES
 from inertiad.base.table import Table
 from inertiad.robot import configuration, dbc, description
 from inertiad.robot.description import TENSION_MAX_DEFAULT, inertia_matrix
+from inertiad.robot.messages import validate
 from inertiad.run import encode
 from inertiad_lcm import robot_config_t
 
@@ -161,7 +162,7 @@ def test_scaled_signal_with_a_mistake_is_named(tmp_path, keys, message):
 def test_scaled_signal_is_the_dbc_value_times_scale_plus_offset(scale, offset, raw):
     data = description.read_data(COGIRO / "robot.toml")
     data["signals"]["f_1"] = {"signal": "FORCE_A.f_1", "scale": scale, "offset": offset}
-    robot = description.validate(description.Robot, data, "robot.toml")
+    robot = validate(description.Robot, data, "robot.toml")
     config = inertiad_core.Config(configuration.compile_robot(robot, "robot.toml"))
     payload = raw.to_bytes(2, "little") + bytes(6)
     message = cantools.database.load_file(COGIRO / "platform.dbc").get_message_by_name("FORCE_A")
@@ -173,7 +174,7 @@ def test_scaled_signal_is_the_dbc_value_times_scale_plus_offset(scale, offset, r
 def test_device_time_bound_as_counter_is_encoded_once(tmp_path):
     data = description.read_data(COGIRO / "robot.toml")
     data["signals"]["imu_counter"] = ["IMU_TIME.time"]
-    robot = description.validate(description.Robot, data, "robot.toml")
+    robot = validate(description.Robot, data, "robot.toml")
     t = np.array([1.0, 1.001])
     columns = {name: np.zeros(2) for name in dbc.required(robot)}
     frames = encode.pack(dbc.bind(robot, "robot.toml"), Table(t, columns, "test"), t)

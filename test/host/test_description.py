@@ -9,8 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inertiad.base.error import InputError
+from inertiad.base.text_files import to_toml
 from inertiad.robot import description
-from inertiad.robot.description import Robot, to_toml, validate
+from inertiad.robot.description import Robot
+from inertiad.robot.messages import validate
 
 TEXT = (COGIRO / "robot.toml").read_text()
 

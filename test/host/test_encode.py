@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import inertiad_core
-from inertiad.base import quantity
+from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.base.table import Table
 from inertiad.robot import configuration, dbc, description
-from inertiad.robot.description import Robot, validate
+from inertiad.robot.description import Robot
+from inertiad.robot.messages import validate
 from inertiad.run import encode
 
 N = 5
@@ -260,10 +261,10 @@ def test_counter_and_time_wrap_at_their_lengths(cogiro):
     ],
 )
 def test_units_become_si(unit, dimension, factor):
-    assert dbc.unit_factor(unit, dimension) == pytest.approx(factor)
+    assert units.unit_factor(unit, dimension) == pytest.approx(factor)
 
 
 @pytest.mark.parametrize(("unit", "dimension"), [("kN", "acceleration"), ("m", "force"), ("furlong", "length")])
 def test_unit_of_another_dimension_is_refused(unit, dimension):
     with pytest.raises(KeyError):
-        dbc.unit_factor(unit, dimension)
+        units.unit_factor(unit, dimension)

@@ -15,9 +15,10 @@ import inertiad_core
 from inertiad.base.body import read
 from inertiad.base.error import InputError
 from inertiad.base.table import Table
+from inertiad.base.text_files import to_toml
 from inertiad.identify import diagnose, fit
 from inertiad.robot import description
-from inertiad.robot.description import read_data, to_toml
+from inertiad.robot.description import read_data
 from inertiad.run import derived_motion, reader, tracker_csv
 from inertiad.run.reader import Recording
 
@@ -256,17 +257,16 @@ def _static_poses(path: Path, recording: Recording) -> Path:
     """20 poses of the motion with the tensions that hold them still."""
     from inertiad.model.trajectory import Motion
     from inertiad.robot import configuration, description
-    from inertiad.simulate import sensor_models, simulator
+    from inertiad.simulate import simulator
 
     robot = description.load(scenes.COGIRO)
     rows, k = recording.rows, np.linspace(250, 2000, 20).astype(int)
     zero = np.zeros((20, 3))
     R = Rotation.from_quat(rows.q[k], scalar_first=True).as_matrix()
     motion = Motion(np.ascontiguousarray(rows.position[k]), zero, zero, R, zero, zero)
-    drawn = sensor_models.draw(sensor_models.PRESETS["ideal"], 8, sensor_models.Dice(0))
     config = inertiad_core.Config(configuration.compile_robot(robot, ""))
     assert robot.nominal is not None
-    f = simulator.tensions(simulator.Mechanics(config, robot, robot.nominal, drawn, 0.0), np.arange(20.0), motion)
+    f = simulator.tensions(simulator.Mechanics(config, robot, robot.nominal), np.arange(20.0), motion)
     data = np.hstack([np.arange(20.0)[:, None] * 5.0, rows.q[k], rows.position[k], f])
     header = "t,q_w,q_x,q_y,q_z,pos_x,pos_y,pos_z," + ",".join(f"f_{i + 1}" for i in range(8))
     np.savetxt(path, data, delimiter=",", header=header, comments="")

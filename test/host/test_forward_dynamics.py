@@ -17,22 +17,20 @@ import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.model import forward_dynamics, payload, trajectory
 from inertiad.model.forward_dynamics import Plant
-from inertiad.model.inverse_dynamics import Mechanics, required_wrench, wrench_matrix
+from inertiad.model.inverse_dynamics import Mechanics, Swing, required_wrench, wrench_matrix
 from inertiad.robot import configuration, description
 from inertiad.robot.description import Nominal, inertia_matrix
 from inertiad.run import reader
-from inertiad.simulate import sensor_models, simulator
-from inertiad.simulate.sensor_models import PRESETS, Dice, Faults
+from inertiad.simulate import simulator
+from inertiad.simulate.sensor_models import PRESETS
 
 BODY = Nominal(mass=120.0, cog=[0.05, -0.03, -0.2], inertia_cog=[40.0, 50.0, 30.0, 2.0, -1.0, 3.0])
 ROBOT = COGIRO / "robot.toml"
 
 
 def mechanics(robot, body=BODY, payloads=()):
-    drawn = sensor_models.draw(Faults(), robot.n_cables, Dice(1))
-    return Mechanics(
-        inertiad_core.Config(configuration.compile_robot(robot, "robot")), robot, body, drawn, 0.0, payloads
-    )
+    config = inertiad_core.Config(configuration.compile_robot(robot, "robot"))
+    return Mechanics(config, robot, body, payloads=payloads)
 
 
 def moved(robot, path, plant, rate=1000.0, **options):
@@ -215,9 +213,9 @@ def test_sagging_cable_pulls_like_the_exact_catenary(cogiro, f):
 
 def test_struck_cable_swings_at_the_frequency_of_a_string(cogiro):
     still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), 8.0)
-    true = replace(mechanics(cogiro), swing=0.01)
-    true.drawn.swing_phase[:] = 0.0
-    true.drawn.swing_phase[0, 0] = 0.5 * np.pi
+    phase = np.zeros((8, 2))
+    phase[0, 0] = 0.5 * np.pi
+    true = replace(mechanics(cogiro), swing=Swing(0.01, np.ones((8, 2)), phase))
     quiet = Plant(control_hz=0.05, swing_damping=0.0)
     believed = forward_dynamics.believed_by_controller(cogiro, "robot", true)
     found = forward_dynamics.move(true, believed, still, quiet, 500.0)

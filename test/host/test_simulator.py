@@ -13,11 +13,12 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Table
 from inertiad.model import inverse_dynamics, trajectory
 from inertiad.model.inverse_dynamics import Mechanics
+from inertiad.model.random_errors import Dice, wander
 from inertiad.robot import configuration, description
 from inertiad.robot.description import Nominal, inertia_matrix
 from inertiad.run import encode, reader
 from inertiad.simulate import bus_timing, sensor_models, simulator
-from inertiad.simulate.sensor_models import PRESETS, Dice, Faults
+from inertiad.simulate.sensor_models import PRESETS, Faults
 from inertiad.simulate.simulator import Run
 
 BODY = Nominal(mass=120.0, cog=[0.05, -0.03, -0.2], inertia_cog=[40.0, 50.0, 30.0, 2.0, -1.0, 3.0])
@@ -27,7 +28,7 @@ def mechanics(robot, level=PRESETS["ideal"], seed=1):
     drawn = sensor_models.draw(level, robot.n_cables, Dice(seed))
     true_robot = simulator.with_true_geometry(robot, drawn)
     config = inertiad_core.Config(configuration.compile_robot(true_robot, "robot"))
-    return Mechanics(config, true_robot, BODY, drawn, level.cable_swing)
+    return Mechanics(config, true_robot, BODY, drawn.swing)
 
 
 def without_weight(robot):
@@ -154,7 +155,8 @@ def measured(robot, level, seed=1, duration=20.0, rate=200.0):
     still = trajectory.hold(np.array([0.0, 0.0, 2.0, 0.1, 0.2, 0.3]), duration)
     t = np.arange(int(duration * rate)) / rate
     m = mechanics(robot, level, seed)
-    return simulator.measure_signals(robot, m, still, t, level, rate, Dice(seed)), m.drawn
+    drawn = sensor_models.draw(level, robot.n_cables, Dice(seed))
+    return simulator.measure_signals(robot, m, still, t, level, drawn, rate, Dice(seed)), drawn
 
 
 @pytest.mark.parametrize(
@@ -210,7 +212,7 @@ def test_imu_pose_and_alignment_turn_what_it_measures(cogiro):
 
 
 def test_wander_is_stationary_with_its_level():
-    slow = sensor_models.wander(0.5, 2.0, 100.0, 400_000, np.random.default_rng(1))
+    slow = wander(0.5, 2.0, 100.0, 400_000, np.random.default_rng(1))
     assert np.std(slow[:1000]) > 0.0
     assert np.std(slow) == pytest.approx(0.5, rel=0.1)
     lag = np.mean(slow[200:] * slow[:-200]) / np.mean(slow**2)

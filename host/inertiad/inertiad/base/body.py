@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates and the truth beside them: the ten numbers of a body, by name, with unit and standard deviation."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from inertiad.base.error import InputError
+from inertiad.base.text_files import read_json
 
 KEYS: Final = ("mass", "cog", "inertia_cog")
 NAMES: Final = ("mass", "cog x", "cog y", "cog z", "J xx", "J yy", "J zz", "J yz", "J xz", "J xy")
@@ -20,19 +20,6 @@ class Body:
     value: tuple[float, ...]
     std: tuple[float, ...]
     """one standard deviation each; zeros for a truth"""
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object. InputError names the file, and the line where it stops being JSON."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not JSON: {error}") from None
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: not a JSON object")
-    return data
 
 
 def _ten(data: dict[str, Any], path: Path) -> list[float]:

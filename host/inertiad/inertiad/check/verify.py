@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 import inertiad_core
 from inertiad.base import body as estimate
-from inertiad.base import quantity
+from inertiad.base import channels, quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.check import daemon_run
 from inertiad.check.daemon_run import Published, Setup
-from inertiad.live import lcm_network
 from inertiad.robot import configuration, dbc, description
 from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Robot
@@ -531,7 +530,7 @@ class Options:
     """none: from the run's files"""
     config: Path | None = None
     daemon: Path | None = None
-    url: str = lcm_network.DEFAULT_URL
+    url: str = channels.DEFAULT_URL
     latency_max: float = LATENCY_MAX
 
 

@@ -14,8 +14,8 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from inertiad.base.channels import DEFAULT_PREFIX, DEFAULT_URL
 from inertiad.base.error import InputError
-from inertiad.live.lcm_network import DEFAULT_PREFIX, DEFAULT_URL
 
 HELP = {"help_option_names": ["-h", "--help"]}
 

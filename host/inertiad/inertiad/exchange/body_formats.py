@@ -16,7 +16,8 @@ from xml.etree import ElementTree as ET
 
 from inertiad.base import body as estimate
 from inertiad.base.error import InputError
-from inertiad.robot.description import Nominal, validate
+from inertiad.robot.description import Nominal
+from inertiad.robot.messages import validate
 
 LINK: Final = "platform"
 NOTE: Final = "SI; frame: platform P; inertia about the CoG, axes parallel to P, matrix entries"

@@ -20,7 +20,6 @@ from inertiad.identify.fisher_information import Model
 from inertiad.model import inverse_dynamics
 from inertiad.model.inverse_dynamics import Mechanics
 from inertiad.model.trajectory import POSE_NAMES, Motion, motion_of
-from inertiad.simulate import sensor_models
 
 GRAZING = 0.02
 """rad that a cable may lean into the hull of the attachments, which is only roughly the platform"""
@@ -71,8 +70,7 @@ class Checker:
 
     @cached_property
     def mechanics(self) -> Mechanics:
-        drawn: sensor_models.Drawn = None  # type: ignore[assignment]  # only used where cables swing
-        return Mechanics(self.model.config, self.model.robot, self.model.body, drawn, 0.0)
+        return Mechanics(self.model.config, self.model.robot, self.model.body)
 
     @cached_property
     def range(self) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from inertiad.excite.search import Progress
 from inertiad.identify.fisher_information import Model
 from inertiad.model import trajectory
 from inertiad.robot import description
+from inertiad.robot.messages import nearest
 
 MOTIONS = ("optimal", "paper")
 
@@ -103,7 +104,7 @@ class Asked:
 
 def _request(robot_file: Path, asked: Asked, n_starts: int, seed: int) -> Request:
     if asked.motion not in MOTIONS:
-        hint = description.nearest(asked.motion, MOTIONS)
+        hint = nearest(asked.motion, MOTIONS)
         raise InputError(f'--motion "{asked.motion}": allowed: {", ".join(MOTIONS)}{hint}')
     robot = description.load(robot_file)
     if robot.nominal is None:

@@ -18,10 +18,11 @@ from inertiad.base import table
 from inertiad.base.error import InputError
 from inertiad.base.quantity import forces
 from inertiad.base.table import Array
+from inertiad.base.text_files import to_toml
 from inertiad.identify import fit
 from inertiad.identify.fit import Group
 from inertiad.robot import description
-from inertiad.robot.description import Robot, to_toml
+from inertiad.robot.description import Robot
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 import inertiad_core
 from inertiad.base.table import Array
+from inertiad.model.inverse_dynamics import specific_force
+from inertiad.model.random_errors import wander
 from inertiad.model.trajectory import Motion, Trajectory
 from inertiad.robot import configuration
 from inertiad.robot.description import Nominal, Robot
-from inertiad.simulate import sensor_models
 
 WANDER_TIME = 20.0
 """s, correlation time of the attitude's wander, which robot.toml does not say"""
@@ -108,9 +109,13 @@ class Model:
         rows = (H / self.residual_std[:, None]).reshape(-1, H.shape[2])
         return weight * rows.T @ rows + self.prior_information
 
+    def _specific_force(self, motion: Motion) -> Array:
+        """At the IMU, P axes, m/s2 [N, 3]."""
+        return specific_force(motion, self.robot.gravity, np.array(self.robot.imu.position))
+
     def instants(self, motion: Motion, f: Array) -> Array:
         """H [N, 6, n] as if each instant were a window; tensions f [N, m]."""
-        s = specific_force(motion, self.robot)
+        s = self._specific_force(motion)
         return np.asarray(
             inertiad_core.planned_instants(
                 self.config, s, motion.omega, motion.alpha, motion.p, motion.v, motion.R, f, self.theta
@@ -119,7 +124,7 @@ class Model:
 
     def windows(self, motion: Motion, f: Array, rate: float) -> Array:
         """H [M, 6, n] of the windows that the daemon will form of the motion at rate [Hz], tensions f [N, m]."""
-        s = specific_force(motion, self.robot)
+        s = self._specific_force(motion)
         H, _, _ = inertiad_core.planned_windows(self.config, rate, s, motion.omega, motion.p, motion.R, f, self.theta)
         return np.asarray(H)
 
@@ -149,20 +154,12 @@ class Model:
         dice = np.random.default_rng([seed, 20])
         found = []
         for _ in range(N_REHEARSALS):
-            turn = sensor_models.wander(self.robot.std.attitude_wander, WANDER_TIME, 1.0 / hop, len(H), dice)
+            turn = wander(self.robot.std.attitude_wander, WANDER_TIME, 1.0 / hop, len(H), dice)
             xi = inertiad_core.systematic_std(self.config)[:n_xi] * dice.standard_normal(n_xi)
             y = H @ np.concatenate([self.theta, xi]) + np.einsum("kij,kj->ki", H[:, :, ATTITUDE], turn)
             y += self._misplaced(centre, f[middle], dice)
             found.append(self.covariance(np.asarray(inertiad_core.rehearse(self.config, H, y))))
         return np.asarray(np.median(found, axis=0))
-
-
-def specific_force(motion: Motion, robot: Robot) -> Array:
-    """What an ideal accelerometer at the IMU reads, P axes, m/s2 [N, 3]."""
-    point = np.array(robot.imu.position)
-    f_P = np.einsum("nji,nj->ni", motion.R, motion.a + np.array([0.0, 0.0, robot.gravity]))
-    w = motion.omega
-    return f_P + np.cross(motion.alpha, point) + np.cross(w, np.cross(w, point))
 
 
 def sample_times(trajectory: Trajectory, rate: float = REHEARSAL_RATE) -> NDArray[np.float64]:

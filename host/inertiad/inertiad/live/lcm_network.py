@@ -10,13 +10,9 @@ from contextlib import contextmanager
 from typing import Any, Final
 from urllib.parse import parse_qs
 
+from inertiad.base.channels import GROUP, PORT
 from inertiad.base.error import InputError
 
-GROUP: Final = "239.255.76.67"
-PORT: Final = 7667
-DEFAULT_URL: Final = f"udpm://{GROUP}:{PORT}?ttl=0"
-DEFAULT_PREFIX: Final = "INERTIAD_"
-"""of channel names"""
 QUEUE: Final = 200_000
 """messages that may wait in a listener"""
 RECEIVE_BUFFER: Final = 8_000_000

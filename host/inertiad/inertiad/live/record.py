@@ -26,6 +26,7 @@ from rich.live import Live
 from rich.table import Table
 
 import inertiad_core
+from inertiad.base import channels
 from inertiad.base.error import InputError
 from inertiad.live import lcm_network
 from inertiad.live.tracker_protocols import Layout, Parser, Sample
@@ -382,7 +383,7 @@ class Options:
     layout: Layout
     folder: Path
     url: str
-    prefix: str = lcm_network.DEFAULT_PREFIX
+    prefix: str = channels.DEFAULT_PREFIX
     seconds: float | None = None
     channels: str = ""
     """regular expression of the LCM channels to log; "": all of the prefix"""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
-from inertiad.base import quantity
+from inertiad.base import channels, quantity
 from inertiad.base.error import InputError
 from inertiad.live import lcm_network, tracker_protocols
 from inertiad.live.tracker_protocols import Layout, Sample
@@ -235,8 +235,8 @@ class Options:
     start: float = 0.0
     stop: float | None = None
     tracker: bool = True
-    url: str = lcm_network.DEFAULT_URL
-    prefix: str = lcm_network.DEFAULT_PREFIX
+    url: str = channels.DEFAULT_URL
+    prefix: str = channels.DEFAULT_PREFIX
     instrument: Layout | None = None
     """play tracker.csv as this instrument instead of over LCM"""
     instrument_address: str = ""

@@ -20,11 +20,13 @@ from scipy.spatial.transform import Rotation
 import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
+from inertiad.base.text_files import read_toml
 from inertiad.model.inverse_dynamics import Mechanics, below_hint, even_pull, required_wrench
 from inertiad.model.payload import Payload
 from inertiad.model.trajectory import Motion, Trajectory
 from inertiad.robot import configuration
-from inertiad.robot.description import Range, Robot, Strict, nearest, read_toml, validate
+from inertiad.robot.description import Robot
+from inertiad.robot.messages import Range, Strict, nearest, validate
 
 STEP_MAX = 1e-3
 """s, the longest step of integration"""
@@ -194,7 +196,7 @@ def lengths_at_rest(believed: Mechanics, motion: Motion, plant: Plant) -> Array:
 def believed_by_controller(robot: Robot, source: str, mechanics: Mechanics) -> Mechanics:
     """robot.toml as it is, with its [nominal] body; the true body where it has none."""
     config = inertiad_core.Config(configuration.compile_robot(robot, source))
-    return Mechanics(config, robot, robot.nominal or mechanics.body, mechanics.drawn, 0.0)
+    return Mechanics(config, robot, robot.nominal or mechanics.body)
 
 
 def _payload_rows(payloads: tuple[Payload, ...]) -> Array:
@@ -221,7 +223,8 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
         lengths = lengths_at_rest(believed, wanted, plant)
         rest, _ = hang(mechanics, lengths[0], trajectory.at(np.zeros(1)), plant.stiffness)
         first = Motion(*(np.concatenate([getattr(rest, n), getattr(wanted, n)[1:]]) for n in Motion.__annotations__))
-    tilt = mechanics.swing * np.sin(mechanics.drawn.swing_phase.T) if mechanics.swing > 0.0 else np.zeros((2, n_cables))
+    swing = mechanics.swing
+    tilt = np.zeros((2, n_cables)) if swing is None else swing.amplitude * np.sin(swing.phase.T)
     found = inertiad_core.forward(
         mechanics.config,
         believed.config,

@@ -20,7 +20,18 @@ from inertiad.base.table import Array
 from inertiad.model.payload import Payload
 from inertiad.model.trajectory import Motion
 from inertiad.robot.description import Nominal, Robot, inertia_matrix
-from inertiad.simulate.sensor_models import Drawn
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Lateral oscillation of the cables, each in two directions."""
+
+    amplitude: float
+    """rad"""
+    hz: Array
+    """Hz [m, 2]"""
+    phase: Array
+    """rad [m, 2], at t = 0"""
 
 
 @dataclass(frozen=True)
@@ -32,9 +43,8 @@ class Mechanics:
     robot: Robot
     """with the true anchors and attachments"""
     body: Nominal
-    drawn: Drawn
-    swing: float
-    """rad, amplitude of the cables' lateral oscillation"""
+    swing: Swing | None = None
+    """of the cables; None: they stay in the plane of their sag"""
     payloads: tuple[Payload, ...] = ()
     """what the body takes up or loses while it moves"""
 
@@ -66,13 +76,12 @@ def true_wrench(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
     return wrench
 
 
-def _swing(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
+def _swung(mechanics: Mechanics, swing: Swing, t: Array, motion: Motion) -> Array:
     """Change of the wrench matrix [N, 6, m] by the cables' lateral oscillation."""
     u = inertiad_core.cable_geometry(mechanics.config, motion.p, motion.R)[0]
     first = np.cross(u, [0.0, 0.0, 1.0])
     first /= np.linalg.norm(first, axis=2, keepdims=True)
-    phase = 2.0 * np.pi * mechanics.drawn.swing_hz * t[:, None, None] + mechanics.drawn.swing_phase
-    angle = mechanics.swing * np.sin(phase)
+    angle = swing.amplitude * np.sin(2.0 * np.pi * swing.hz * t[:, None, None] + swing.phase)
     tilt_W = angle[:, :, :1] * first + angle[:, :, 1:] * np.cross(u, first)
     tilt = np.einsum("nji,nkj->nki", motion.R, tilt_W)
     attachment = np.array([c.attachment for c in mechanics.robot.cable])
@@ -85,8 +94,8 @@ def wrench_matrix(mechanics: Mechanics, t: Array, motion: Motion) -> tuple[Array
         W, sag = inertiad_core.wrench_matrix(mechanics.config, motion.p, motion.R, np.zeros(3))
     except ValueError as error:
         raise InputError(f"trajectory: {error}") from None
-    if mechanics.swing > 0.0:
-        W = W + _swing(mechanics, t, motion)
+    if mechanics.swing is not None:
+        W = W + _swung(mechanics, mechanics.swing, t, motion)
     return W, sag
 
 

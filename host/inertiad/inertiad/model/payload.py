@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 import inertiad_core
-from inertiad.base.body import read_json
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
+from inertiad.base.text_files import read_json, read_toml
 from inertiad.robot import configuration
-from inertiad.robot.description import Nominal, read_toml, validate
+from inertiad.robot.description import Nominal
+from inertiad.robot.messages import validate
 
 RAMP = 0.5
 """s from the first contact to the whole weight"""

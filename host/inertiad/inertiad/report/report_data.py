@@ -15,6 +15,7 @@ from inertiad.base import body as estimate
 from inertiad.base.body import Body
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
+from inertiad.base.text_files import read_json
 from inertiad.identify import calibrate, diagnose, fit
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate, Validation
@@ -308,7 +309,7 @@ def _nearest_model(robot: Robot, joint: Estimate) -> Model:
 def _simulated(paths: list[Path]) -> dict[str, Any]:
     keys = ("trajectory", "rate", "duration_s", "seed", "faults_name")
     file = paths[0] / "truth.json"
-    return {k: v for k, v in estimate.read_json(file).items() if k in keys} if file.exists() else {}
+    return {k: v for k, v in read_json(file).items() if k in keys} if file.exists() else {}
 
 
 def _together(found: list[Run], command: str, progress: Progress) -> Facts:

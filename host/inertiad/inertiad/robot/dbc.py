@@ -18,36 +18,12 @@ from cantools.database.can import Database, Message, Signal
 if _is_stood_in:
     del sys.modules[_TESTER]
 
-from inertiad.base import quantity
+from inertiad.base import quantity, units
 from inertiad.base.error import InputError
-from inertiad.base.quantity import Dimension
 from inertiad.robot.description import Bound, Robot, Scaled
 
 EXTENDED_ID = 0x80000000
 GENERATED_NAME = "generated.dbc"
-
-_G = 9.80665
-_DEG = math.pi / 180.0
-UNITS: dict[Dimension, dict[str, float]] = {
-    "acceleration": {
-        "m/s2": 1.0,
-        "m/s/s": 1.0,
-        "mm/s2": 1e-3,
-        "cm/s2": 1e-2,
-        "g": _G,
-        "mg": 1e-3 * _G,
-        "ug": 1e-6 * _G,
-    },
-    "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEG, "dps": _DEG, "mdps": 1e-3 * _DEG, "deg/h": _DEG / 3600.0},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEG, "mdeg": 1e-3 * _DEG},
-    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "force": {"N": 1.0, "mN": 1e-3, "daN": 10.0, "kN": 1e3, "kgf": _G, "kg": _G, "lbf": 4.4482216152605},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "none": {"": 1.0, "1": 1.0, "-": 1.0},
-}
-"""SI value of one unit. A DBC signal without a unit counts as SI."""
-
-_SPELLINGS = {"²": "2", "^": "", "**": "", "°": "deg", "º": "deg", "µ": "u", "μ": "u", "sec": "s", "rad/sec": "rad/s"}
 
 
 @dataclass(frozen=True)
@@ -104,19 +80,6 @@ def load(paths: Iterable[Path]) -> BusDatabase:
         assert isinstance(database, Database)
         messages += [(message, path.name) for message in database.messages]
     return BusDatabase(tuple(messages))
-
-
-def unit_factor(unit: str | None, dimension: Dimension) -> float:
-    """SI value of one of the unit. KeyError if it does not measure the dimension; its text lists what does."""
-    text = (unit or "").strip().strip("[]").replace(" ", "")
-    for spelling, plain in _SPELLINGS.items():
-        text = text.replace(spelling, plain)
-    known = UNITS[dimension]
-    if text == "":
-        return 1.0
-    if text not in known:
-        raise KeyError(", ".join(name for name in known if name))
-    return known[text]
 
 
 def _limits(signal: Signal, factor: float, zero: float) -> tuple[float, float]:
@@ -186,7 +149,7 @@ def _unit_of(name: str, signal: Signal, place: str) -> float:
     if name in quantity.COUNTER:  # only told apart, never measured
         return 1.0
     try:
-        return unit_factor(signal.unit, quantity.dimension(name))
+        return units.unit_factor(signal.unit, quantity.dimension(name))
     except KeyError as error:
         raise InputError(
             f'signals.{name}: {place}: unit "{signal.unit}": allowed: {error.args[0]}, or another with '

@@ -68,48 +68,26 @@ gravity                              9.81                 m/s2, along -z of W
 ===================================  ===================  ==============================================================
 """
 
-import difflib
-import json
 import math
-import tomllib
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar, get_args
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
-    ValidationError,
     model_validator,
 )
 
 from inertiad.base import quantity
-from inertiad.base.body import read_json
 from inertiad.base.error import InputError
+from inertiad.base.text_files import read_json, read_toml
+from inertiad.robot.messages import Range, Strict, nearest_or_known, shown, validate
 
-FILE_BYTES_MAX = 1_000_000
 TENSION_MAX_DEFAULT = 1e6
 """N: no cable holds more; says nothing about the platform"""
-
-
-@dataclass(frozen=True)
-class Range:
-    """A closed interval with a unit; the error it raises names both."""
-
-    low: float
-    high: float
-    unit: str = ""
-
-    def __call__(self, value: float) -> float:
-        if not self.low <= value <= self.high:
-            raise ValueError(f"{self.low:g} to {self.high:g} {self.unit}".rstrip())
-        return value
 
 
 def _unit_norm(value: list[float]) -> list[float]:
@@ -132,12 +110,6 @@ Delay = Annotated[float, AfterValidator(Range(-1, 1, "s"))]
 Age = Annotated[float, AfterValidator(Range(1e-6, 10, "s"))]
 Sigma = Annotated[float, AfterValidator(Range(0, 1e6))]
 PositiveSigma = Annotated[float, AfterValidator(Range(1e-9, 1e6))]
-
-
-class Strict(BaseModel):
-    """Base of every table: unknown keys, wrong types, NaN and infinity are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 class Cables(Strict):
@@ -366,7 +338,7 @@ class Robot(Strict):
             if key.startswith("f_") and key not in quantity.forces(self.n_cables):
                 raise ValueError(f"signals.{key}: not a cable of this robot: allowed: f_1 to f_{self.n_cables}")
             if not key.startswith("f_") and key not in others:
-                raise ValueError(f"signals.{key}: not a quantity{_nearest(key, others)}")
+                raise ValueError(f"signals.{key}: not a quantity{nearest_or_known(key, others)}")
             if isinstance(value, list) and key not in quantity.COUNTER:
                 raise ValueError(f'signals.{key} = "MESSAGE.signal", one signal (lists are for counters)')
         if self.signals and not self.bus:
@@ -380,119 +352,6 @@ def inertia_matrix(elements: list[float] | np.ndarray) -> np.ndarray:
     """The 3 x 3 matrix of xx yy zz yz xz xy."""
     xx, yy, zz, yz, xz, xy = elements
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def nearest(key: str, known: Iterable[str]) -> str:
-    """ "; did you mean ...?" where a known key is alike, else nothing."""
-    near = difflib.get_close_matches(key, list(known), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else ""
-
-
-def _nearest(key: str, known: list[str]) -> str:
-    return nearest(key, known) or f"; known: {', '.join(known[:24])}"
-
-
-def _key(loc: tuple[int | str, ...]) -> str:
-    """("cable", 2, "anchor", 0) -> cable[3].anchor[1], counted from one as cables are."""
-    text = ""
-    for part in loc:
-        if isinstance(part, int):
-            text += f"[{part + 1}]"
-        elif not part.startswith(("list[", "function-", "str", "float")) and part not in ("text", "list", "table"):
-            text += f".{part}" if text else part
-    return text
-
-
-def _shown(value: Any) -> str:
-    text = "a table" if isinstance(value, dict) else _toml_value(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-_TYPE_NAMES = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "string_type": "a text in quotes",
-    "list_type": "a list",
-    "bool_type": "true or false",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "finite_number": "a finite number",
-}
-
-
-def _allowed(error: dict[str, Any]) -> str:
-    """What would have been right, in a few words."""
-    kind, ctx = error["type"], error.get("ctx", {})
-    if kind == "value_error":
-        return str(ctx["error"])
-    if kind == "literal_error":
-        return str(ctx["expected"]).replace("'", '"')
-    if kind in ("too_short", "too_long"):
-        low, high = ctx.get("min_length"), ctx.get("max_length")
-        return f"{low if low == high or high is None else high} entries, not {ctx['actual_length']}"
-    if kind == "string_too_short":
-        return "not empty"
-    return _TYPE_NAMES.get(kind, error["msg"])
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The table an annotation speaks of, however deep inside lists, dicts and unions."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((found for inner in get_args(annotation) if (found := _model_in(inner))), None)
-
-
-def _fields_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
-    """Names of the keys allowed in the table at loc."""
-    current: type[BaseModel] | None = model
-    for part in loc:
-        if current is None or (isinstance(part, str) and part not in current.model_fields):
-            break
-        if isinstance(part, str):
-            current = _model_in(current.model_fields[part].annotation)
-    return list(current.model_fields) if current is not None else []
-
-
-def _message(model: type[BaseModel], error: dict[str, Any]) -> str:
-    loc = error["loc"]
-    if error["type"] == "extra_forbidden":
-        return f"{_key(loc)}: unknown key{_nearest(str(loc[-1]), _fields_at(model, loc[:-1]))}"
-    if error["type"] == "missing":
-        return f"{_key(loc)}: missing, and it has no default"
-    if error["type"] in ("too_short", "too_long") and loc[-1] == "cable":
-        return f"cable: {error['ctx']['actual_length']} cables: allowed: 1 to {quantity.CABLES_MAX}"
-    if error["type"] == "value_error" and isinstance(error["input"], dict):
-        return f"{_key(loc)}: allowed: {_allowed(error)}".removeprefix(": allowed: ")
-    return f"{_key(loc)} = {_shown(error['input'])}: allowed: {_allowed(error)}"
-
-
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
-    """data as model; InputError with one line "source: key = value: allowed: ..." when it does not fit."""
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        first, *others = error.errors()
-        if first["loc"][:1] == ("cables",):
-            others = [e for e in others if e["loc"][:1] != ("cable",)]  # each cable repeats what it takes from [cables]
-        more = f" (and {len(others)} more)" if others else ""
-        raise InputError(f"{source}: {' '.join(_message(model, dict(first)).split())}{more}") from None
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML file as nested dicts. InputError names file and line."""
-    try:
-        if path.stat().st_size > FILE_BYTES_MAX:
-            raise InputError(f"{path}: larger than {FILE_BYTES_MAX} bytes, not a description")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text at byte {error.start}") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: not TOML: {error or 'nested too deeply'}") from None
 
 
 def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
@@ -549,40 +408,10 @@ def read_data(path: Path, depth: int = 0) -> dict[str, Any]:
     if base is None:
         return data
     if not isinstance(base, str):
-        raise InputError(f"{path}: base = {_shown(base)}: allowed: a text in quotes")
+        raise InputError(f"{path}: base = {shown(base)}: allowed: a text in quotes")
     return _merged(read_data(path.parent / base, depth + 1), data)
 
 
 def load(path: Path) -> Robot:
     """Read and check a robot description. InputError: one line with file, key, value and what is allowed."""
     return validate(Robot, read_data(path), str(path))
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(_toml_value(item) for item in value)}]"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return str(value).lower() if isinstance(value, bool) else repr(value)
-
-
-def _toml_lines(data: dict[str, Any], prefix: str) -> Iterator[str]:
-    tables = {key: value for key, value in data.items() if isinstance(value, dict)}
-    arrays = {
-        key: value for key, value in data.items() if isinstance(value, list) and value and isinstance(value[0], dict)
-    }
-    for key, value in data.items():
-        if key not in tables and key not in arrays:
-            yield f"{key} = {_toml_value(value)}"
-    for key, table in tables.items():
-        yield f"\n[{prefix}{key}]"
-        yield from _toml_lines(table, f"{prefix}{key}.")
-    for key, array in arrays.items():
-        for table in array:
-            yield f"\n[[{prefix}{key}]]"
-            yield from _toml_lines(table, f"{prefix}{key}.")
-
-
-def to_toml(data: dict[str, Any]) -> str:
-    """The keys of a robot.toml as text that reads back the same. Keys must be bare: letters, digits, _ and -."""
-    return "\n".join(_toml_lines(data, "")) + "\n"

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
+from inertiad.base.channels import DEFAULT_PREFIX
 from inertiad.base.error import InputError
-from inertiad.live.lcm_network import DEFAULT_PREFIX
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 """bits of an identifier in SocketCAN's layout"""

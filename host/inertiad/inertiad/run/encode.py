@@ -18,9 +18,10 @@ from scipy.spatial.transform import Rotation
 from inertiad.base import quantity, table
 from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
+from inertiad.base.text_files import to_toml
 from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
-from inertiad.robot.description import Robot, read_data, to_toml
+from inertiad.robot.description import Robot, read_data
 from inertiad.run import tracker_csv
 
 Bits = NDArray[np.uint64]

@@ -16,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from inertiad.base.body import read_json
+from inertiad.base.text_files import read_json
 
 NAME: Final = "header.json"
 PATIENCE: Final = 2.0

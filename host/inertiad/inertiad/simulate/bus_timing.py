@@ -15,12 +15,13 @@ import inertiad_core
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
+from inertiad.model.random_errors import Dice
 from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Robot
 from inertiad.run import encode
 from inertiad.run.encode import Frames
-from inertiad.simulate.sensor_models import Dice, Faults
+from inertiad.simulate.sensor_models import Faults
 
 Mask = NDArray[np.bool_]
 

@@ -6,7 +6,6 @@ the given standard deviations; noise is drawn per sample. A fault file is TOML w
 are zero, "no fault".
 """
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Self
@@ -14,13 +13,15 @@ from typing import Annotated, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, model_validator
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
-from inertiad.robot.description import Range, Strict, nearest, read_toml, validate
+from inertiad.base.text_files import read_toml
+from inertiad.model.inverse_dynamics import Swing
+from inertiad.model.random_errors import Dice, wander, white
+from inertiad.robot.messages import Range, Strict, nearest, validate
 
 _MICRO_G: Final = 9.80665e-6
 
@@ -208,17 +209,6 @@ def faults(name: str) -> Faults:
     return validate(Faults, read_toml(Path(name)), name)
 
 
-class Dice:
-    """Independent random streams by name, so that a change to one sensor leaves the others' noise alone."""
-
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
-
-    def __getitem__(self, name: str) -> np.random.Generator:
-        """The stream of that name, from its beginning."""
-        return np.random.default_rng([self._seed, zlib.crc32(name.encode())])
-
-
 @dataclass(frozen=True)
 class Drawn:
     """The systematic errors of one run."""
@@ -243,18 +233,21 @@ class Drawn:
     """m [m, 3], W: true anchor - that of robot.toml"""
     attachment_error: Array
     """m [m, 3], P"""
-    swing_hz: Array
-    """Hz [m, 2], two lateral directions"""
-    swing_phase: Array
-    """rad [m, 2]"""
+    swing: Swing | None
+    """of the cables; None: they do not"""
     clock_drift: float
     """1: the sensors' clock gains this much"""
+
+
+def _draw_swing(level: Faults, n_cables: int, dice: np.random.Generator) -> Swing:
+    hz = dice.uniform(level.cable_swing_low_hz, level.cable_swing_high_hz, (n_cables, 2))
+    return Swing(level.cable_swing, hz, dice.uniform(0.0, 2.0 * np.pi, (n_cables, 2)))
 
 
 def draw(level: Faults, n_cables: int, dice: Dice) -> Drawn:
     """Draw a run's systematic errors."""
     deg = np.pi / 180.0
-    geometry, swing = dice["geometry"], dice["swing"]
+    geometry = dice["geometry"]
     return Drawn(
         acc_bias=level.acc_bias * dice["acc_bias"].standard_normal(3),
         gyro_bias=level.gyro_bias_deg * deg * dice["gyro_bias"].standard_normal(3),
@@ -266,23 +259,9 @@ def draw(level: Faults, n_cables: int, dice: Dice) -> Drawn:
         force_delay=level.force_delay_max * float(dice["force_delay"].random()),
         anchor_error=level.geometry * geometry.standard_normal((n_cables, 3)),
         attachment_error=level.geometry * geometry.standard_normal((n_cables, 3)),
-        swing_hz=swing.uniform(level.cable_swing_low_hz, level.cable_swing_high_hz, (n_cables, 2)),
-        swing_phase=swing.uniform(0.0, 2.0 * np.pi, (n_cables, 2)),
+        swing=_draw_swing(level, n_cables, dice["swing"]) if level.cable_swing > 0.0 else None,
         clock_drift=1e-6 * level.clock_drift_ppm * float(dice["clock_drift"].standard_normal()),
     )
-
-
-def _white(density: float, rate: float, shape: tuple[int, ...], dice: np.random.Generator) -> Array:
-    """White noise of a density [unit/rtHz] sampled at rate [Hz] behind its anti-aliasing filter."""
-    return density * np.sqrt(0.5 * rate) * dice.standard_normal(shape)
-
-
-def wander(sigma: float, time_constant: float, rate: float, n: int, dice: np.random.Generator) -> Array:
-    """First-order Gauss-Markov process of standard deviation sigma, [n, 3], stationary from the start."""
-    keep = float(np.exp(-1.0 / (rate * time_constant)))
-    drive = sigma * np.sqrt(1.0 - keep**2) * dice.standard_normal((n, 3))
-    drive[0] /= np.sqrt(1.0 - keep**2)
-    return np.asarray(lfilter([1.0], [1.0, -keep], drive, axis=0))
 
 
 def measure_imu(
@@ -295,9 +274,9 @@ def measure_imu(
     """
     n = len(s)
     R_true = R_PI @ Rotation.from_rotvec(drawn.imu_alignment).as_matrix()
-    acc = s @ R_true + drawn.acc_bias + _white(level.acc_noise_density, rate, (n, 3), dice["acc_noise"])
+    acc = s @ R_true + drawn.acc_bias + white(level.acc_noise_density, rate, (n, 3), dice["acc_noise"])
     gyro_density = np.deg2rad(level.gyro_noise_density_deg)
-    gyro = omega @ R_true + drawn.gyro_bias + _white(gyro_density, rate, (n, 3), dice["gyro_noise"])
+    gyro = omega @ R_true + drawn.gyro_bias + white(gyro_density, rate, (n, 3), dice["gyro_noise"])
     slow = wander(np.deg2rad(level.attitude_wander_deg), level.attitude_wander_time, rate, n, dice["attitude_wander"])
     body = Rotation.from_matrix(R) * Rotation.from_rotvec(-drawn.attitude_bias - slow)
     q = Rotation.from_euler("z", -drawn.world_yaw) * body * Rotation.from_matrix(R_true)
@@ -306,7 +285,7 @@ def measure_imu(
 
 def measure_forces(f: Array, level: Faults, drawn: Drawn, rate: float, dice: Dice) -> Array:
     """What force sensors report of true tensions f [N, m], N."""
-    noise = _white(level.force_noise_density, rate, f.shape, dice["force_noise_density"])
+    noise = white(level.force_noise_density, rate, f.shape, dice["force_noise_density"])
     noise = noise + level.force_noise * dice["force_noise"].standard_normal(f.shape)
     return (1.0 + drawn.force_gain) * f + drawn.force_offset + noise
 

@@ -17,21 +17,23 @@ from scipy.spatial.transform import Rotation
 
 import inertiad_core
 from inertiad.base import quantity
-from inertiad.base.body import read_json
 from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
+from inertiad.base.text_files import read_json, read_toml
 from inertiad.model import forward_dynamics, payload
 from inertiad.model.forward_dynamics import Moved, Plant
 from inertiad.model.inverse_dynamics import Mechanics, specific_force, tensions
 from inertiad.model.payload import Payload
+from inertiad.model.random_errors import Dice
 from inertiad.model.trajectory import Motion, Trajectory
 from inertiad.robot import configuration, dbc
 from inertiad.robot.dbc import Binding
-from inertiad.robot.description import Nominal, Robot, read_data, read_toml, validate
+from inertiad.robot.description import Nominal, Robot, read_data
+from inertiad.robot.messages import validate
 from inertiad.run import encode, tracker_csv
 from inertiad.run.encode import Frames
 from inertiad.simulate import bus_timing, sensor_models
-from inertiad.simulate.sensor_models import Dice, Drawn, Faults
+from inertiad.simulate.sensor_models import Drawn, Faults
 
 START = 1.0
 """s, host time at which a run begins: early measurements must not reach back before 0."""
@@ -56,10 +58,16 @@ def _tensions(mechanics: Mechanics, trajectory: Trajectory, t: Array) -> Array:
 
 
 def measure_signals(
-    robot: Robot, mechanics: Mechanics, trajectory: Trajectory, t: Array, level: Faults, rate: float, dice: Dice
+    robot: Robot,
+    mechanics: Mechanics,
+    trajectory: Trajectory,
+    t: Array,
+    level: Faults,
+    drawn: Drawn,
+    rate: float,
+    dice: Dice,
 ) -> Table:
     """What IMU and force sensors report at times t [N] of the trajectory, as a signals table in host time."""
-    drawn = mechanics.drawn
     motion = trajectory.at(t)
     R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True).as_matrix()
     s = specific_force(motion, robot.gravity, np.array(robot.imu.position))
@@ -131,12 +139,11 @@ def _payloads_of(mechanics: Mechanics) -> dict[str, Any]:
     }
 
 
-def truth_of(mechanics: Mechanics, settings: dict[str, Any], level: Faults) -> dict[str, Any]:
+def truth_of(mechanics: Mechanics, drawn: Drawn, settings: dict[str, Any], level: Faults) -> dict[str, Any]:
     """Contents of truth.json: everything that was put in and can be compared with an estimate.
 
     mass, cog, inertia_cog are those at the end; with a payload, body_at_start and the changes (m, h, J about P) follow.
     """
-    drawn = mechanics.drawn
     return {
         "convention": "SI; P to C; inertia about C as matrix entries xx yy zz yz xz xy, platform axes",
         **_payloads_of(mechanics),
@@ -208,7 +215,7 @@ def _sample_times(run: Run) -> Array:
 def _mechanics(run: Run, drawn: Drawn) -> Mechanics:
     true_robot = with_true_geometry(run.robot, drawn)
     config = inertiad_core.Config(configuration.compile_robot(true_robot, str(run.robot_file)))
-    return Mechanics(config, true_robot, run.body, drawn, run.level.cable_swing, run.payloads)
+    return Mechanics(config, true_robot, run.body, drawn.swing, run.payloads)
 
 
 def _check_sensors(run: Run) -> None:
@@ -272,7 +279,7 @@ def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pac
     mechanics, t = _mechanics(run, drawn), _sample_times(run)
     progress("move the platform")
     path, remarks = _path(run, mechanics)
-    signals = measure_signals(robot, mechanics, path, t, level, run.rate, dice)
+    signals = measure_signals(robot, mechanics, path, t, level, drawn, run.rate, dice)
     progress("pack frames")
     frames = pack(bindings, signals, _device_time(level, drawn, t))
     encode.open_run(folder)
@@ -280,7 +287,7 @@ def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pac
     encode.write_robot(folder, robot, _description(run), bitrate=None if level.bus_timing else 0.0)
     if robot.position.source == "tracker":
         tracker_csv.write(folder / "tracker.csv", measure_tracker(robot, path, level, dice))
-    truth = truth_of(mechanics, _settings(run, path), level)
+    truth = truth_of(mechanics, drawn, _settings(run, path), level)
     (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
     stamp = bus_timing.traffic(robot, bindings, level, START, dice)
     return Simulated(encode.write_can_log(folder / "can.log", signals.t, frames, stamp), remarks)
