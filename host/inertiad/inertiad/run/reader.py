@@ -141,7 +141,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
     """Tracked positions over time, from the signals' own columns, tracker.csv beside them, or the fixed position."""
     if all(name in signals.columns for name in quantity.POSITION):
         xyz = dict(zip(("x", "y", "z"), signals.stack(*quantity.POSITION).T, strict=True))
-        return Table(signals.t, xyz, signals.source)
+        return Table(signals.t, xyz, signals.name)
     if robot.position.source == "fixed" and robot.position.fixed is not None:
         return Table(
             signals.t, {a: np.full(len(signals.t), v) for a, v in zip("xyz", robot.position.fixed, strict=True)}, ""
@@ -168,7 +168,7 @@ def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[T
         raise InputError(f"{beside}: no pose within {robot.align.max_age_position:g} s of any sample of {file}")
     kept = {name: values[chosen] for name, values in signals.columns.items()}
     kept |= dict(zip(quantity.QUATERNION, q.T, strict=True))
-    return Table(signals.t[chosen], kept, signals.source), ("attitude of the tracker's poses",)
+    return Table(signals.t[chosen], kept, signals.name), ("attitude of the tracker's poses",)
 
 
 def _read_signals(file: Path, robot: Robot) -> Recording:
