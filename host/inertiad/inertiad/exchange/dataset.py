@@ -91,19 +91,14 @@ def _tracker(messages: list[Any]) -> Table:
     return at_ns("tracker", _times(messages), columns | _scalars("tracker", ("valid", "t_device_ns"), messages))
 
 
-def _systematic_names(n_cables: int) -> list[str]:
-    """The filter's systematic errors, in the order of estimate_t."""
-    names = [f"attitude_{a}" for a in "xyz"] + ["world_yaw"] + [f"acc_bias_{a}" for a in "xyz"]
-    names += [f"imu_alignment_{a}" for a in "xyz"] + ["position_delay"]
-    return names + [f"force_{what}_{i + 1}" for what in ("offset", "gain") for i in range(n_cables)]
-
-
 def _estimate(messages: list[Any]) -> Table:
+    if any(m.systematic_name != messages[0].systematic_name for m in messages):
+        raise InputError("estimate: the systematic parameters change within the run: allowed: one robot per run")
     columns: dict[str, Values] = {}
     vectors = {
         "cog": [f"cog_{a}" for a in "xyz"],
         "inertia_cog": [f"inertia_cog_{e}" for e in INERTIA],
-        "systematic": _systematic_names((len(messages[0].systematic) - 11) // 2),
+        "systematic": list(messages[0].systematic_name),
     }
     for end in ("", "_std"):
         columns |= _scalars("estimate", [f"mass{end}"], messages)
@@ -131,7 +126,8 @@ _OF_CHANNEL: Final[dict[str, tuple[str, Callable[[list[Any]], Table]]]] = {
     "EVENT": ("event_t", _events),
     "HEALTH": ("health_t", _health),
 }
-_NO_SHEET: Final = ("RAW", "CONFIG", "HOST", "COMMAND")  # frames, settings, the machine; answers to commands are events
+_NO_SHEET: Final = ("RAW", "ORDER", "CONFIG", "HOST", "COMMAND")  # frames, their order, settings, the machine; answers
+# to commands are events
 
 
 def of_lcm(path: Path, prefix: str, remarks: list[str]) -> dict[str, Table]:
