@@ -6,6 +6,7 @@
 #include "wrench.h"
 
 #include <assert.h>
+#include <stdio.h>
 #include <string.h>
 
 static_assert(IPE_XI_FILTER_MAX == IPE_XI_FORCE + 2 * IPE_CABLES_MAX, "sizes in dims.h");
@@ -42,6 +43,19 @@ int ipe_systematic_count(int n_cables)
 int ipe_systematic_filter_count(int n_cables)
 {
     return IPE_XI_FORCE + 2 * n_cables;
+}
+
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX])
+{
+    const ipe_systematic_kind_t* kind = kinds;
+    for (int n; index >= (n = kind->count + kind->count_per_cable * n_cables); ++kind) { index -= n; }
+    if (kind->count_per_cable > 0) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%d", kind->name, (index + 1) % 100);
+    } else if (kind->count == 3) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%c", kind->name, "xyz"[index]);
+    } else {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s", kind->name);
+    }
 }
 
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])

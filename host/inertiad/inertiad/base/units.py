@@ -37,7 +37,7 @@ _OF_NAME: Final = (
     (r"t(_device)?_ns", "ns"),
     (r"acc_(bias_)?[xyz]", "m/s2"),
     (r"gyro_[xyz]", "rad/s"),
-    (r"roll|pitch|yaw|world_yaw|(attitude|imu_alignment)_[xyz]", "rad"),
+    (r"roll|pitch|yaw|world_yaw|(attitude|attitude_bias|imu_alignment)_[xyz]", "rad"),
     (r"[xyz]|(pos|cog)_[xyz]", "m"),
     (r"f_\d+|force_offset_\d+", "N"),
     (r"mass", "kg"),

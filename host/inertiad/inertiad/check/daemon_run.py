@@ -23,7 +23,7 @@ from inertiad.live import lcm_network, replay
 from inertiad.run import canlog, lcmlog, tracker_csv
 from inertiad.run.canlog import CanLog
 from inertiad.run.lcmlog import Event
-from inertiad_lcm import estimate_t, event_t, health_t, raw_t, signals_t, tracker_t
+from inertiad_lcm import estimate_t, event_t, health_t, order_t, raw_t, signals_t, tracker_t
 
 PREFIX: Final = "VERIFY_"
 """of the channels, so that another daemon on the network is not mistaken for ours"""
@@ -33,6 +33,7 @@ SILENCE: Final = 1.0
 """s without a message after the daemon's end: nothing more will come"""
 KINDS: Final = {
     "RAW": raw_t,
+    "ORDER": order_t,
     "SIGNALS": signals_t,
     "ESTIMATE": estimate_t,
     "HEALTH": health_t,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of the estimates: against the same core offline, a batch fit without recursion, and the truth."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -11,9 +11,8 @@ import inertiad_core
 from inertiad.base import body as estimate
 from inertiad.base.table import Array
 from inertiad.check.case import Case, Check
+from inertiad_lcm import command_t, order_item_t, robot_config_t
 
-LIVE_TOLERANCE: Final = 1e-9
-"""relative, of estimates when live stamps are carried through; 0 from a file"""
 BATCH_SIGMAS: Final = 2.0
 """published standard deviations that recursion and batch may differ by"""
 TRUTH_SIGMAS: Final = 4.0
@@ -21,54 +20,86 @@ TRUTH_SIGMAS: Final = 4.0
 
 @dataclass
 class Recomputed:
-    """Offline results of the core for the same input."""
+    """The core's results on the same input in the same order, offline."""
 
-    by_window: dict[int, dict[str, Any]]
-    """estimates by their number of windows"""
+    after_row: list[dict[str, Any] | None]
+    """the estimate after each row; None: there is none yet"""
     last: dict[str, Any] | None
     pipeline: Any
     """with its rows kept"""
+    is_whole: bool
+    """False: a configuration was sent during the run; the recomputation ends there"""
 
 
-def _merged(case: Case) -> Iterator[tuple[int, int]]:
-    """Indices of frames (0, i) and positions (1, i) in the order the daemon takes them: by stamp, frames first."""
-    frames = np.maximum.accumulate(case.raw.t_ns)
-    positions = np.maximum.accumulate(np.array([t for t, _ in case.positions], dtype=np.int64))
-    t = np.concatenate([frames, positions])
-    for k in np.argsort(t, kind="stable").tolist():
-        yield (0, k) if k < len(frames) else (1, k - len(frames))
+def _in_order(case: Case) -> Iterator[tuple[int, int, Any]]:
+    """The estimator's input as the daemon used it: frames begin .. end, then the ORDER item after them, or None."""
+    begin, n = {}, 0
+    for message in case.published.messages["RAW"]:
+        begin[message.sequence] = n
+        n += message.n_frames
+    at = 0
+    for message in case.published.messages["ORDER"]:
+        for item in message.item:
+            place = min(begin.get(item.raw, n) + item.n_before, n)
+            yield at, place, item
+            at = place
+    yield at, n, None
 
 
-def _feed(case: Case, pipeline: Any, after: Callable[[], None]) -> None:
-    raw = case.raw
-    bus = raw.bus.tolist() if len(case.robot.bus) > 1 else [0] * len(raw)
-    length = raw.length.tolist()
-    data, width = raw.data.tobytes(), raw.data.shape[1]
-    t_ns, can_id, flags = raw.t_ns.tolist(), raw.can_id.tolist(), raw.flags.tolist()
-    for kind, k in _merged(case):
-        if kind == 0:
-            pipeline.push_frame(t_ns[k], bus[k], can_id[k], data[width * k : width * k + length[k]], flags[k])
-        else:
-            pipeline.push_position(case.positions[k][0], np.array(case.positions[k][1]))
-        after()
-    pipeline.flush()
-    after()
+def _execute(pipeline: Any, item: Any) -> None:
+    """Use one position or command."""
+    if item.kind == order_item_t.POSITION:
+        pipeline.push_position(item.t_ns, np.array(item.value))
+    elif item.kind in (command_t.FREEZE, command_t.RESUME):
+        pipeline.freeze(item.kind == command_t.FREEZE)
+    elif item.kind == command_t.RESET:
+        pipeline.reset()
+    elif item.kind == command_t.TARE:
+        pipeline.set_gyro_bias(np.array(item.value))
 
 
 def recompute(case: Case) -> Recomputed:
-    """Run the core over the daemon's input."""
-    stepped, kept = inertiad_core.Pipeline(case.config), inertiad_core.Pipeline(case.config)
-    found: dict[int, dict[str, Any]] = {}
+    """Run the core over the frames in RAW and the items in ORDER."""
+    pipeline, raw = inertiad_core.Pipeline(case.config), case.raw
+    mine = Recomputed([], None, pipeline, True)
+    bus = raw.bus.tolist() if len(case.robot.bus) > 1 else [0] * len(raw)
+    data, width, length = raw.data.tobytes(), raw.data.shape[1], raw.length.tolist()
+    t_ns, can_id, flags = raw.t_ns.tolist(), raw.can_id.tolist(), raw.flags.tolist()
 
     def step() -> None:
-        while (status := stepped.step()) != 1:
+        while (status := pipeline.step()) != 1:
             if status == 0:
-                e = stepped.estimate
-                found[e["n_windows"]] = e
+                mine.last = pipeline.estimate
+            if status >= 0:
+                mine.after_row.append(mine.last)
 
-    _feed(case, stepped, step)
-    _feed(case, kept, kept.drain)
-    return Recomputed(found, stepped.estimate if found else None, kept)
+    for begin, end, item in _in_order(case):
+        for k in range(begin, end):
+            pipeline.push_frame(t_ns[k], bus[k], can_id[k], data[width * k : width * k + length[k]], flags[k])
+            step()
+        if item is not None and item.kind == command_t.CONFIGURE:
+            mine.is_whole = False
+            break
+        if item is not None:
+            _execute(pipeline, item)
+            mine.last = None if item.kind == command_t.RESET else mine.last
+            step()
+    pipeline.flush()
+    step()
+    return mine
+
+
+def _due(case: Case, mine: Recomputed) -> list[dict[str, Any]]:
+    """The estimates that the daemon has to publish: at the configured rate of the published rows' time, and the last."""
+    rows = [row.t_ns for message in case.published.messages["SIGNALS"] for row in message.row]
+    period = round(1e9 / robot_config_t.decode(case.config_bytes[:-4]).estimate_rate)
+    due, found = None, []
+    for t, estimate in zip(rows, mine.after_row, strict=False):
+        if estimate is None or (due is not None and -period <= t - due < 0):
+            continue
+        found.append(estimate)
+        due = (due if due is not None and 0 <= t - due < period else t) + period
+    return [*found, mine.last] if mine.last is not None else found
 
 
 FIELDS: Final = (
@@ -85,7 +116,7 @@ FIELDS: Final = (
     "distance",
     "nis",
 )
-EXACT_FIELDS: Final = ("t_ns", "n_rows", "consistent", "n_changes")
+EXACT_FIELDS: Final = ("t_ns", "n_windows", "n_rows", "consistent", "n_changes")
 
 
 def _difference(message: Any, mine: dict[str, Any]) -> float:
@@ -102,18 +133,33 @@ def _difference(message: Any, mine: dict[str, Any]) -> float:
     return worst
 
 
+def _check_recomputed_rows(case: Case, mine: Recomputed) -> Check:
+    rows = inertiad_core.rows_of(mine.pipeline)
+    published = [row for message in case.published.messages["SIGNALS"] for row in message.row]
+    if len(published) != len(rows):
+        return Check("rows recomputed", False, f"{len(published)} published, {len(rows)} recomputed")
+    for name in ("acc", "gyro", "q", "position", "f"):
+        theirs = np.array([getattr(row, name) for row in published])
+        differs = (theirs != getattr(rows, name)).any(axis=1) if len(published) else np.zeros(0, bool)
+        if differs.any():
+            return Check("rows recomputed", False, f"{name} of row {int(np.argmax(differs)) + 1} differs")
+    return Check("rows recomputed", True, f"all {len(published)} bit-identical")
+
+
 def check_recomputation(case: Case, mine: Recomputed) -> Iterator[Check]:
     messages = case.published.messages["ESTIMATE"]
-    if not messages or mine.last is None:
-        yield Check("estimates", False, f"{len(messages)} published, {len(mine.by_window)} recomputed: needs some")
+    if not mine.is_whole:
+        yield Check("estimates", None, "a configuration was sent during the run, where the recomputation ends")
         return
-    worst = max(_difference(m, mine.by_window.get(m.n_windows, {**mine.last, "t_ns": -1})) for m in messages)
-    limit = LIVE_TOLERANCE if case.published.is_live else 0.0
-    how = "bit-identical" if worst == 0.0 else f"differ by up to {worst:.2g} of their size, allowed {limit:g}"
-    yield Check("estimates", worst <= limit, f"{len(messages)} published, against the same core offline: {how}")
-    is_last = messages[-1].n_windows == mine.last["n_windows"]
-    detail = f"after {messages[-1].n_windows} windows, offline after {mine.last['n_windows']}"
-    yield Check("last estimate", is_last, detail)
+    yield _check_recomputed_rows(case, mine)
+    due = _due(case, mine)
+    if not messages or not due:
+        yield Check("estimates", False, f"{len(messages)} published, {len(due)} recomputed: needs some")
+        return
+    worst = max(_difference(m, due[m.sequence]) if m.sequence < len(due) else float("inf") for m in messages)
+    how = "bit-identical" if worst == 0.0 else f"differ by up to {worst:.2g} of their size"
+    detail = f"{len(messages)} published, {len(due)} due, against the same core offline: {how}"
+    yield Check("estimates", worst == 0.0 and len(messages) == len(due), detail)
     yield _check_estimate_file(case, messages[-1])
 
 
@@ -124,10 +170,17 @@ def _check_estimate_file(case: Case, message: Any) -> Check:
     return Check("estimate.json", same, "equals the last message" if same else "differs from the last message")
 
 
-def batch(case: Case, mine: Recomputed) -> Any:
-    """Body by the joint batch solver over all rows, with the configuration's priors: no recursion."""
-    rows = inertiad_core.rows_of(mine.pipeline)
-    return inertiad_core.batch(case.config, [rows], group=[0], payload=[0.0])["body"][0]
+def _published_rows(case: Case) -> Any:
+    """inertiad_core.Rows of all SIGNALS messages."""
+    rows = [row for message in case.published.messages["SIGNALS"] for row in message.row]
+    width = {"acc": 3, "gyro": 3, "q": 4, "position": 3, "f": case.robot.n_cables}
+    columns = [np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items()]
+    return inertiad_core.Rows(np.array([row.t_ns for row in rows], dtype=np.int64), *columns)
+
+
+def batch(case: Case) -> Any:
+    """Body by the joint batch solver over the rows that the daemon published, with the configuration's priors."""
+    return inertiad_core.batch(case.config, [_published_rows(case)], group=[0], payload=[0.0])["body"][0]
 
 
 def _ten(body: Any) -> Array:
@@ -141,11 +194,11 @@ def _sigmas(gap: Array, std: Array) -> tuple[float, str]:
     return float(ratio[at]), estimate.NAMES[at]
 
 
-def check_batch(case: Case, mine: Recomputed) -> Iterator[Check]:
-    if mine.last is None or not case.published.messages["ESTIMATE"]:
+def check_batch(case: Case) -> Iterator[Check]:
+    if not case.published.messages["ESTIMATE"]:
         return
     try:
-        other = _ten(batch(case, mine))
+        other = _ten(batch(case))
     except (ValueError, np.linalg.LinAlgError) as error:
         yield Check("batch fit", False, f"impossible: {error}")
         return

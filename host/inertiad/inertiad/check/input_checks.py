@@ -14,7 +14,7 @@ from inertiad.check.case import Case, Check
 from inertiad.robot import configuration
 from inertiad.run import canlog, lcmlog
 from inertiad.run.canlog import CanLog
-from inertiad_lcm import robot_config_t
+from inertiad_lcm import order_item_t, robot_config_t
 
 DIFFERENCES_SHOWN: Final = 3
 
@@ -139,9 +139,10 @@ def check_counters(case: Case) -> Iterator[Check]:
 def check_positions(case: Case) -> Iterator[Check]:
     if not case.positions:
         return
-    counters = case.published.summary
-    n = counters.get("lcm.tracker_positions" if case.published.is_live else "tracker.positions", 0)
-    sent = len(case.positions)
-    silences = counters.get("position.silences", 0)
-    detail = f"{n} of {sent} taken" + (f"; silent {silences} times" if silences else "")
-    yield Check("tracker positions", n == sent, detail)
+    items = [i for m in case.published.messages["ORDER"] for i in m.item if i.kind == order_item_t.POSITION]
+    sent = {(t, *xyz) for t, xyz in case.positions}
+    foreign = sum((i.t_ns, *i.value) not in sent for i in items)
+    n, silences = len(items), case.published.summary.get("position.silences", 0)
+    detail = f"{n} of {len(case.positions)} used" + (f", {foreign} of them were not sent" if foreign else "")
+    detail += f"; silent {silences} times" if silences else ""
+    yield Check("tracker positions", n == len(case.positions) and not foreign, detail)

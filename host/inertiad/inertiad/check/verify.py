@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verification of the daemon on a run. One line per check: PASS, FAIL, or OPEN where it could not be made.
 
-The frames it reports are compared with the log, its counters with each other, its rows with a decoder of our own
-(from the DBC, in numpy), its estimates with a recomputation by the same core and with a plain batch weighted least
-squares, its result with the truth of a simulated run. robot.toml and its DBC files are compared with the configuration
-of the run, where the run has it: in the daemon's own record run.lcmlog, or as robot.cfg.
+The frames in RAW are compared with the log, the positions in ORDER with those sent, the counters with each other, the
+rows with a decoder of our own (from the DBC, in numpy). Rows and estimates are compared bit for bit with a recomputation
+by the same core from RAW and ORDER, in the order in which the daemon used them. The last estimate is compared with the
+joint batch solver on the published rows, and with the truth of a simulated run. robot.toml and its DBC files are compared
+with the configuration of the run, where the run has it: in the daemon's own record run.lcmlog, or as robot.cfg.
 """
 
 import json
@@ -85,7 +86,7 @@ def judge(case: Case, latency_max: float) -> list[Check]:
         *input_checks.check_positions(case),
         *row_checks.check_rows(case),
     ]
-    checks += [*estimate_checks.check_recomputation(case, mine), *estimate_checks.check_batch(case, mine)]
+    checks += [*estimate_checks.check_recomputation(case, mine), *estimate_checks.check_batch(case)]
     return [
         *checks,
         *estimate_checks.check_truth(case),

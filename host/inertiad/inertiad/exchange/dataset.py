@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.base.table import NS, Table, Values, at_ns, header, read_columns
-from inertiad.robot import systematic
 from inertiad.run import canlog, lcmlog
 from inertiad.run.canlog import CanLog
 
@@ -92,19 +91,14 @@ def _tracker(messages: list[Any]) -> Table:
     return at_ns("tracker", _times(messages), columns | _scalars("tracker", ("valid", "t_device_ns"), messages))
 
 
-def _systematic_names(n: int) -> list[str]:
-    """Columns of the n systematic parameters that an estimate_t holds."""
-    n_cables = (n - systematic.n_filter(0)) // (systematic.n_filter(1) - systematic.n_filter(0))
-    labels = (label for group in systematic.filter_groups(n_cables) for label in group.labels)
-    return [label.replace("attitude_bias", "attitude") for label in labels]
-
-
 def _estimate(messages: list[Any]) -> Table:
+    if any(m.systematic_name != messages[0].systematic_name for m in messages):
+        raise InputError("estimate: the systematic parameters change within the run: allowed: one robot per run")
     columns: dict[str, Values] = {}
     vectors = {
         "cog": [f"cog_{a}" for a in "xyz"],
         "inertia_cog": [f"inertia_cog_{e}" for e in INERTIA],
-        "systematic": _systematic_names(len(messages[0].systematic)),
+        "systematic": list(messages[0].systematic_name),
     }
     for end in ("", "_std"):
         columns |= _scalars("estimate", [f"mass{end}"], messages)
@@ -132,7 +126,8 @@ _OF_CHANNEL: Final[dict[str, tuple[str, Callable[[list[Any]], Table]]]] = {
     "EVENT": ("event_t", _events),
     "HEALTH": ("health_t", _health),
 }
-_NO_SHEET: Final = ("RAW", "CONFIG", "HOST", "COMMAND")  # frames, settings, the machine; answers to commands are events
+_NO_SHEET: Final = ("RAW", "ORDER", "CONFIG", "HOST", "COMMAND")  # frames, their order, settings, the machine; answers
+# to commands are events
 
 
 def of_lcm(path: Path, prefix: str, remarks: list[str]) -> dict[str, Table]:

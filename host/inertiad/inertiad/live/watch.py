@@ -12,6 +12,7 @@ from rich.text import Text
 
 from inertiad.base.body import NAMES, UNITS, of_message
 from inertiad.live.lcm_network import connect
+from inertiad.run import estimate_message
 from inertiad_lcm import bus_t, estimate_t, event_t, health_t, host_t
 
 SILENT_AFTER = 2.0
@@ -32,7 +33,7 @@ class Latest:
         self.heard = time.monotonic()
 
     def on_estimate(self, _channel: str, data: bytes) -> None:
-        self.estimate = estimate_t.decode(data)
+        self.estimate = estimate_message.decode(data)
         self.heard = time.monotonic()
 
     def on_health(self, _channel: str, data: bytes) -> None:

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from inertiad.base.error import InputError
+from inertiad.run import estimate_message
+from inertiad_lcm import estimate_t
 
 HEAD: Final = struct.Struct(">IQQII")
 SYNC: Final = 0xEDA1DA01
@@ -66,9 +68,9 @@ def read(path: Path, remarks: list[str] | None = None) -> Iterator[Event]:
 
 
 def decode(kind: Any, event: Event, path: Path | str) -> Any:
-    """The message of an event. InputError if it was written with other message types."""
+    """The message of an event; an ESTIMATE may be of an earlier version. InputError: of a type that is not known."""
     try:
-        return kind.decode(event.data)
+        return estimate_message.decode(event.data) if kind is estimate_t else kind.decode(event.data)
     except (ValueError, struct.error, IndexError):
         raise InputError(
             f"{path}: message {event.number} on {event.channel} is no {kind.__name__} of this version; "
