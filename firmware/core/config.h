@@ -44,6 +44,8 @@ typedef struct {
     int64_t mux_value;
 } ipe_signal_t;
 
+#define IPE_MAX_WAIT 10.0  // s, largest max_wait
+
 typedef enum { IPE_ATTITUDE_QUATERNION = 1, IPE_ATTITUDE_RPY = 2 } ipe_attitude_source_t;
 typedef enum { IPE_POSITION_TRACKER = 0, IPE_POSITION_FIXED = 1, IPE_POSITION_CAN = 2 } ipe_position_source_t;
 

@@ -28,6 +28,11 @@ enum {
 int ipe_systematic_count(int n_cables);
 int ipe_systematic_filter_count(int n_cables);
 
+/// Write the name of parameter index of a robot with n_cables into name: "acc_bias_x", "force_offset_3". Index below
+/// ipe_systematic_count(n_cables).
+enum { IPE_SYSTEMATIC_NAME_MAX = 24 };
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX]);
+
 /// One sigma [ipe_systematic_count()] of each, from the configuration's std_*.
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX]);
 
