@@ -120,7 +120,7 @@ PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(shell nproc))
 
 ## Run every test; ends with one line: N passed, N failed, N skipped
 test: .venv/test.stamp
-	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED) vcan-runs asan-programs
+	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED) micro vcan-runs asan-programs
 	@$(PY) tools/test unit laws host vcan asan
 
 ## Run the quick tests: unit, laws, and those of the host that are not marked slow
@@ -129,8 +129,12 @@ test-quick: .venv/test.stamp
 	@$(PY) tools/test --quick unit laws host
 
 ## Test the stages of the core (Unity)
-test-unit: unit-programs
+test-unit: unit-programs micro
 	@$(PY) tools/test unit
+
+## Build the core for microcontrollers: 8 cables, short buffers, state under 64 KiB
+micro:
+	@$(MAKE) --no-print-directory B=build/micro OPT='-Os -DIPE_PROFILE_MICRO' WERROR=-Werror build/micro/lib/libinertiad_core.a
 
 ## Test the laws the mathematics must keep
 test-laws: .venv/test.stamp build unit-programs
@@ -259,5 +263,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

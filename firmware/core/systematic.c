@@ -11,7 +11,7 @@
 
 static_assert(IPE_XI_FILTER_MAX == IPE_XI_FORCE + 2 * IPE_CABLES_MAX, "sizes in dims.h");
 
-#define STEP 1e-4  // m and rad of the central differences
+#define STEP 1e-4  // m and rad of the central differences: error 1e-8 relative by truncation, 1e-11 by rounding
 
 #define KIND(name, unit, count, count_per_cable, field, in_filter) \
     {name, unit, count, count_per_cable, offsetof(ipe_config_t, field), in_filter}

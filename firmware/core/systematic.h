@@ -7,7 +7,7 @@
 ///   gyro bias 3 (better taken at rest), force delay 1 (no measurable effect on theta).
 /// With xi true, y + X xi - Y theta is noise. The wrench's part is taken at the pose, tensions and slopes of the
 /// window's middle, its derivative with respect to pose by central differences of the wrench matrix; Y's part is exact.
-/// Source: firmware/DESIGN.md, "Systematic parameters". No state, any thread, about 5 us per window of 8 cables.
+/// Source: firmware/DESIGN.md, "States". No state, any thread, about 5 us per window of 8 cables.
 #ifndef IPE_SYSTEMATIC_H
 #define IPE_SYSTEMATIC_H
 

@@ -1,53 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meaning of the daemon's counters: those of rejected rows, those that stay zero on a good run."""
+"""Judgement of counters: which mean a lost sample, which must be 0 on a good run.
+
+The pipeline's own come from the table in firmware/core/counter_table.h; those of buses, recorder and network, which
+the daemon adds, are judged by their cause, the last part of the name.
+"""
 
 from collections.abc import Mapping
 from typing import Final
 
-REJECTED: Final = (
-    *("align.force.missing", "align.force.late", "align.position.missing", "align.position.late", "align.overrun"),
-    *("align.imu.backwards", "align.imu.duplicate", "align.imu.not_finite", "align.imu.bad_quaternion"),
-    *("pace.imu.dropped", "stuck.imu.refused", "clock.unsettled", "wrench.bad_geometry", "window.backwards"),
-)
-"""rows lost or refused, as the daemon's estimate.json adds them up"""
+import inertiad_core
 
-BAD: Final = (
-    "dropped_by_kernel",
-    "dropped_by_logger",
-    "controller_overruns",
-    "error_frames",
-    "bad_stamp",
-    "bad_name",
-    "bad_id",
-    "bad_data",
-    "bad_tail",
-    "too_long",
-    "cut",
-    "stray_stamp",
-    "stray_time",
-    "went_down",
-    "bad_rows",
-    "bad_length",
-    "signal_not_finite",
-    "signal_out_of_range",
-    "incomplete",
-    "lost",
-    "counter_jumps",
-    "duplicate_frames",
-    "duplicate",
-    "refused",
-    "steps",
-    "backwards",
-    "restarts",
-    "not_finite",
-    "bad_quaternion",
-    "overrun",
-    "bad_geometry",
-    "failed",
-    "estimates_not_finite",
-    "tracker_bad_message",
+PIPELINE: Final = {counter["name"]: counter for counter in inertiad_core.counter_table()}
+REJECTED: Final = tuple(name for name, counter in PIPELINE.items() if counter["is_rejected"])
+"""counters of rows lost or refused, as the daemon's estimate.json adds them up"""
+
+BAD_CAUSES: Final = (
+    *("dropped_by_kernel", "dropped_by_logger", "controller_overruns", "error_frames", "went_down"),
+    *("bad_stamp", "bad_name", "bad_id", "bad_data", "bad_tail", "too_long", "cut", "stray_stamp", "stray_time"),
+    *("bad_rows", "lost", "refused", "failed", "estimates_not_finite", "tracker_bad_message"),
 )
-"""last parts of the names of those that stay zero on a good run, whatever bus or sensor they count for"""
+"""causes of the daemon's other counters that must be zero on a good run"""
 
 
 def n_rejected(counters: Mapping[str, int]) -> int:
@@ -56,5 +28,6 @@ def n_rejected(counters: Mapping[str, int]) -> int:
 
 
 def is_bad(name: str) -> bool:
-    """True if the counter stays zero on a good run."""
-    return name.rpartition(".")[2] in BAD
+    """True if the counter of this name is 0 on a good run."""
+    counter = PIPELINE.get(name)
+    return bool(counter["is_bad"]) if counter else name.rpartition(".")[2] in BAD_CAUSES
