@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from inertiad.base.error import InputError
 
@@ -137,8 +138,6 @@ def _quaternion(q: list[float]) -> tuple[float, float, float, float]:
 
 def _of_columns(b: list[float]) -> tuple[float, float, float, float]:
     """Quaternion of a rotation matrix given column by column. ValueError: it is none."""
-    from scipy.spatial.transform import Rotation
-
     R = np.array(b).reshape(3, 3).T
     if not np.abs(R @ R.T - np.eye(3)).max() < UNIT or np.linalg.det(R) < 0.0:
         raise ValueError("not a rotation matrix")
@@ -361,8 +360,6 @@ def encode(layout: Layout, sample: Sample, index: int) -> bytes:
 
 def _dtrack_turn(q: tuple[float, float, float, float]) -> str:
     """Angles about x, y, z [deg], R = Rx Ry Rz, and R column by column."""
-    from scipy.spatial.transform import Rotation
-
     turn = Rotation.from_quat(q, scalar_first=True)
     angles = " ".join(f"{a:.4f}" for a in turn.as_euler("XYZ", degrees=True))
     return angles + "][" + " ".join(f"{b:.9f}" for b in turn.as_matrix().T.ravel())
