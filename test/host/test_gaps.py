@@ -16,6 +16,8 @@ from inertiad import robot as description
 from inertiad.sensors import PRESETS
 from inertiad_lcm import health_t, signals_t
 
+pytestmark = pytest.mark.slow
+
 LOST_AT = 12.0  # s
 RATE = 100  # Hz
 MAX_CARRY = 0.5  # s, the default

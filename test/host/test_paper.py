@@ -15,6 +15,8 @@ from inertiad import paper, reproduce, trajectory
 from inertiad.report import reproduction
 from inertiad.reproduce import Reproduction
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found() -> Reproduction:

@@ -18,6 +18,8 @@ from inertiad.report import facts as gathering
 from inertiad.report import figure, interactive, page, printed, verdict
 from inertiad.report.facts import Facts
 
+pytestmark = pytest.mark.slow
+
 SIGNALS = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z", "q_w", "q_x", "q_y", "q_z")
 BROKEN = 2
 """index of the cable whose sensor is spoilt"""
