@@ -412,6 +412,7 @@ def test_full_disk_is_said_and_does_not_stop(tmp_path):
     assert writer.n_failed > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
