@@ -17,6 +17,8 @@ from inertiad.run import canlog, lcmlog, reader, tracker_csv
 from inertiad.simulate.sensor_models import PRESETS
 from inertiad_lcm import health_t, signals_t
 
+pytestmark = pytest.mark.slow
+
 LOST_AT = 12.0  # s
 RATE = 100  # Hz
 MAX_CARRY = 0.5  # s, the default

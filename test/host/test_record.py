@@ -57,6 +57,7 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "source", "sink", "options"),
     [
@@ -120,6 +121,7 @@ sys.exit(recorder.wait())
 """
 
 
+@pytest.mark.slow
 def test_commanded_pose_at_833_Hz_is_recorded_to_the_last(tmp_path):
     command = [*ISOLATED, sys.executable, "-c", POSES, str(tmp_path / "run")]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
@@ -129,6 +131,7 @@ def test_commanded_pose_at_833_Hz_is_recorded_to_the_last(tmp_path):
     assert {e.channel for e in events} == {"INERTIAD_POSE"}
 
 
+@pytest.mark.slow
 def test_full_disk_is_said_and_leaves_a_run_readable_to_there(run, tmp_path):
     out = tmp_path / "recorded"
     arguments = [run, out, "text", "udp:5032", "udp:127.0.0.1:5032", "[]", json.dumps(["prlimit", "--fsize=9000"])]
@@ -411,6 +414,7 @@ def test_full_disk_is_said_and_does_not_stop(tmp_path):
     assert writer.n_failed > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

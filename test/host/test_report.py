@@ -19,6 +19,8 @@ from inertiad.report import document, figure, interactive, page, printed, report
 from inertiad.report.report_data import Facts
 from inertiad.run import lcmlog, reader
 
+pytestmark = pytest.mark.slow
+
 SIGNALS = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z", "q_w", "q_x", "q_y", "q_z")
 BROKEN = 2
 """index of the cable whose sensor is spoilt"""

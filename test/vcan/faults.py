@@ -179,6 +179,8 @@ def sigmas(estimate: Path, truth: dict[str, Any]) -> float:
     found = json.loads(estimate.read_text())
     worst = 0.0
     for name in ("mass", "cog", "inertia_cog"):
+        if found[name] is None:  # no body was found
+            return float("inf")
         value, std, true = found[name]["value"], found[name]["std"], truth[name]
         triples = [(value, std, true)] if name == "mass" else zip(value, std, true, strict=True)
         worst = max(worst, *(abs(v - t) / s if s > 0.0 else float("inf") for v, s, t in triples), 0.0)
