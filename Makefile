@@ -30,6 +30,8 @@ UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/
 BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
 ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.cpp)))
 
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' host/inertiad/pyproject.toml)
+
 # No -ffast-math and no contraction: the same log gives the same bytes on every machine.
 OPT ?= -O2 -g
 FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MD -MP
@@ -37,8 +39,7 @@ INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/inc
 CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
 CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
 $(CORE): CFLAGS += -std=c11
-$(B)/obj/firmware/app/options.o: CFLAGS += -DINERTIAD_VERSION='"$(VERSION)"'
-$(B)/obj/firmware/app/options.o: host/inertiad/pyproject.toml
+$(APP): CFLAGS += -DINERTIAD_VERSION='"$(VERSION)"'
 
 ## Print this list
 help:
@@ -198,6 +199,10 @@ build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/li
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
 
+## Rewrite the type stubs of the Python bindings from what they export
+stubs: build
+	$(Q)$(PY) tools/stubs.py
+
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
@@ -237,5 +242,5 @@ clean-all: clean
 	rm -rf .venv
 
 .PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
-    format format-check lint check size clean clean-all
+    format format-check lint check size clean clean-all stubs
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -10,6 +10,28 @@
 
 #define STEP 1e-4  // m and rad of the central differences
 
+#define KIND(name, unit, count, count_per_cable, field, in_filter) \
+    {name, unit, count, count_per_cable, offsetof(ipe_config_t, field), in_filter}
+
+static const ipe_systematic_kind_t kinds[] = {
+    KIND("attitude_bias", "rad", 3, 0, std_attitude, true),
+    KIND("world_yaw", "rad", 1, 0, std_world_yaw, true),
+    KIND("acc_bias", "m/s2", 3, 0, std_acc_bias, true),
+    KIND("imu_alignment", "rad", 3, 0, std_imu_alignment, true),
+    KIND("position_delay", "s", 1, 0, std_position_delay, true),
+    KIND("force_offset", "N", 0, 1, std_force_offset, true),
+    KIND("force_gain", "1", 0, 1, std_force_gain, true),
+    KIND("gyro_bias", "rad/s", 3, 0, std_gyro_bias, false),
+    KIND("force_delay", "s", 1, 0, std_force_delay, false),
+};
+enum { N_KINDS = (int)(sizeof kinds / sizeof kinds[0]) };
+
+const ipe_systematic_kind_t* ipe_systematic_table(int* n)
+{
+    *n = N_KINDS;
+    return kinds;
+}
+
 int ipe_systematic_count(int n_cables)
 {
     return ipe_systematic_filter_count(n_cables) + 4;
@@ -22,41 +44,25 @@ int ipe_systematic_filter_count(int n_cables)
 
 void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX])
 {
-    const struct {
-        const char* name;
-        int n;
-        bool is_per_cable;
-    } group[] = {{"attitude_bias", 3, false},       {"world_yaw", 1, false},          {"acc_bias", 3, false},
-                 {"imu_alignment", 3, false},       {"position_delay", 1, false},     {"force_offset", n_cables, true},
-                 {"force_gain", n_cables, true},    {"gyro_bias", 3, false},          {"force_delay", 1, false}};
-    size_t g = 0;
-    while (index >= group[g].n) { index -= group[g++].n; }
-    if (group[g].is_per_cable) {
-        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%d", group[g].name, (index + 1) % 100);
-    } else if (group[g].n == 3) {
-        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%c", group[g].name, "xyz"[index]);
+    const ipe_systematic_kind_t* kind = kinds;
+    int n;
+    while (index >= (n = kind->count + kind->count_per_cable * n_cables)) { index -= n, ++kind; }
+    if (kind->count_per_cable > 0) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%d", kind->name, index + 1);
+    } else if (n == 3) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%c", kind->name, "xyz"[index]);
     } else {
-        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s", group[g].name);
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s", kind->name);
     }
-}
-
-static void fill(double* out, int n, double value)
-{
-    for (int i = 0; i < n; ++i) { out[i] = value; }
 }
 
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
 {
-    const int m = config->n_cables;
-    fill(std + IPE_XI_ATTITUDE, 3, config->std_attitude);
-    fill(std + IPE_XI_YAW, 1, config->std_world_yaw);
-    fill(std + IPE_XI_ACC_BIAS, 3, config->std_acc_bias);
-    fill(std + IPE_XI_ALIGNMENT, 3, config->std_imu_alignment);
-    fill(std + IPE_XI_POSITION_DELAY, 1, config->std_position_delay);
-    fill(std + IPE_XI_FORCE, m, config->std_force_offset);
-    fill(std + IPE_XI_FORCE + m, m, config->std_force_gain);
-    fill(std + IPE_XI_FORCE + 2 * m, 3, config->std_gyro_bias);
-    fill(std + IPE_XI_FORCE + 2 * m + 3, 1, config->std_force_delay);
+    for (int k = 0, i = 0; k < N_KINDS; ++k) {
+        double sigma;
+        memcpy(&sigma, (const char*)config + kinds[k].std, sizeof sigma);
+        for (int n = kinds[k].count + kinds[k].count_per_cable * config->n_cables; n > 0; --n) { std[i++] = sigma; }
+    }
 }
 
 /// Cable wrench at the window's tensions with the pose moved by dp (W) and turned by the body rotation vector turn

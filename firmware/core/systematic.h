@@ -15,6 +15,9 @@
 #include "types.h"
 #include "window.h"
 
+#include <stdbool.h>
+#include <stddef.h>
+
 enum {
     IPE_XI_ATTITUDE = 0,         ///< rad, P axes: R_true = R exp(xi)
     IPE_XI_YAW = 3,              ///< rad: R_true = Rz(xi) R
@@ -25,6 +28,19 @@ enum {
     IPE_XI_FILTER_MAX = IPE_XI_FORCE + 2 * IPE_CABLES_MAX,
     IPE_XI_MAX = IPE_XI_FILTER_MAX + 4,
 };
+
+/// Systematic parameters of one kind. Kinds lie in xi one after the other, those that the filter carries first.
+typedef struct {
+    const char* name;     ///< as in estimate.json
+    const char* unit;     ///< SI
+    int count;            ///< numbers of the robot
+    int count_per_cable;  ///< and of each of its cables
+    size_t std;           ///< offset in ipe_config_t of their common sigma
+    bool in_filter;
+} ipe_systematic_kind_t;
+
+/// All kinds in the order of xi, and how many there are. Static.
+const ipe_systematic_kind_t* ipe_systematic_table(int* n);
 
 /// Number of systematic parameters of a robot with n_cables, and how many of them, the first, the filter carries.
 int ipe_systematic_count(int n_cables);

@@ -11,8 +11,8 @@ from conftest import AFTER_IMU
 import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.base.text_files import read_json
-from inertiad.identify import calibrate, fit
-from inertiad.robot import description
+from inertiad.identify import calibrate
+from inertiad.robot import description, systematic
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
@@ -37,7 +37,7 @@ def _calibrated(recordings: list[Recording], payloads: dict[Path, float]) -> cal
 def _truth(recording: Recording) -> np.ndarray:
     t = read_json(recording.path / "truth.json")
     t["force_delay"] += AFTER_IMU
-    return np.concatenate([np.atleast_1d(t[g.name]) for g in fit.groups(8)])
+    return np.concatenate([np.atleast_1d(t[g.name]) for g in systematic.groups(8)])
 
 
 def test_errors_of_the_sensors_are_found_within_their_sigma(recordings: list[Recording]) -> None:
@@ -72,7 +72,7 @@ def test_a_run_at_rest_tells_little_and_says_so(recordings: list[Recording]) -> 
         *(np.ascontiguousarray(a[:90]) for a in (rows.acc, rows.gyro, rows.q, rows.position, rows.f)),
     )
     found = _calibrated([Recording(recordings[0].path, recordings[0].robot, still, 0, 0, {})], {})
-    labels = calibrate.names(8)
+    labels = systematic.names(8)
     refused = {labels[i] for i in np.flatnonzero(found.refused)}
     assert {"position_delay", "force_delay"} <= refused
     assert (found.xi[found.refused] == 0.0).all()

@@ -405,7 +405,7 @@ def test_run_without_tracker_says_so_and_gives_its_frames(run: Path, tmp_path: P
     for name in ("robot.toml", "can.log", "xsens_mti600.dbc", "me_gsv4.dbc"):
         (folder / name).write_bytes((run / name).read_bytes())
     done = inertiactl("export", folder, "--to", "csv", "-o", tmp_path / "x.csv")
-    assert done.returncode == 0 and "no signals: " in done.stderr and "tracker.csv: not there" in done.stderr
+    assert done.returncode == 0 and "no signals: " in done.stderr and "tracker.csv: not found" in done.stderr
     assert list(file_formats.read_csv(tmp_path / "x.csv").tables) == []
     assert file_formats.read_csv(tmp_path / "x.csv").frames is not None
     (tmp_path / "signals.csv").write_text("t,acc_x\n1,2\n")

@@ -104,7 +104,7 @@ def test_paper_says_when_no_body_can_be_like_that() -> None:
     run = reader.read(scenes.run(1001, "paper", 25.0, "paper"))
     estimate = fit.two_step(run.robot, reader.config_of(run.robot, ""), [run])
     assert not estimate.consistent
-    assert "no body can have this inertia" in estimate.notes[0]
+    assert "inertia not physically consistent" in estimate.notes[0]
 
 
 def test_published_body_can_exist_although_the_data_disagree(recording: Recording, config: object) -> None:
@@ -306,7 +306,7 @@ def test_force_noise_does_not_make_the_body_lighter(recording: Recording) -> Non
 
 
 def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"robot\.toml: not there"):
+    with pytest.raises(InputError, match=r"robot\.toml: not found"):
         reader.read(tmp_path)
 
 

@@ -202,7 +202,7 @@ def test_run_that_tells_little_gets_words_and_no_empty_figure(good, tmp_path, da
 
 
 def test_what_is_not_a_run_is_refused_in_one_line(tmp_path: Path) -> None:
-    for path, words in ((tmp_path / "nothing", "No such file"), (tmp_path, "robot.toml: not there")):
+    for path, words in ((tmp_path / "nothing", "No such file"), (tmp_path, "robot.toml: not found")):
         result = inertiactl("report", path)
         assert result.returncode == 2 and words in result.stderr and result.stderr.count("\n") == 1
 

@@ -153,7 +153,7 @@ def test_run_without_a_source_is_one_line(run, tmp_path, name):
         (tmp_path / other).write_bytes((run / other).read_bytes())
     result = inertiactl_("sync", tmp_path)
     assert result.returncode == 2
-    assert f"{name}: not there: allowed: a run folder" in result.stderr and len(result.stderr.splitlines()) == 1
+    assert f"{name}: not found; pass a run folder" in result.stderr and len(result.stderr.splitlines()) == 1
 
 
 # ---- clocks ----------------------------------------------------------------------------------------------------------

@@ -165,6 +165,34 @@ static void test_std_are_the_configured_ones_in_order(void)
     for (int i = 0; i < 19; ++i) { TEST_ASSERT_EQUAL_DOUBLE(expected[i], std[i]); }
 }
 
+static void test_table_lies_as_the_indices_say(void)
+{
+    const struct {
+        const char* name;
+        int first;
+    } expected[] = {{"attitude_bias", IPE_XI_ATTITUDE},
+                    {"world_yaw", IPE_XI_YAW},
+                    {"acc_bias", IPE_XI_ACC_BIAS},
+                    {"imu_alignment", IPE_XI_ALIGNMENT},
+                    {"position_delay", IPE_XI_POSITION_DELAY},
+                    {"force_offset", IPE_XI_FORCE},
+                    {"force_gain", IPE_XI_FORCE + 8},
+                    {"gyro_bias", IPE_XI_FORCE + 16},
+                    {"force_delay", IPE_XI_FORCE + 19}};
+    int n, first = 0, n_filter = 0;
+    const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n);  // when, of 8 cables
+    TEST_ASSERT_EQUAL_INT(9, n);                                    // then
+    for (int k = 0; k < n; ++k) {
+        const int count = kinds[k].count + 8 * kinds[k].count_per_cable;
+        TEST_ASSERT_EQUAL_STRING(expected[k].name, kinds[k].name);
+        TEST_ASSERT_EQUAL_INT(expected[k].first, first);
+        first += count;
+        n_filter += kinds[k].in_filter ? count : 0;
+    }
+    TEST_ASSERT_EQUAL_INT(ipe_systematic_count(8), first);
+    TEST_ASSERT_EQUAL_INT(ipe_systematic_filter_count(8), n_filter);
+}
+
 static void test_columns_impossible_pose_is_refused(void)
 {
     ipe_average_t a = average_of(&config);  // given: P's attachment on its own anchor
@@ -194,6 +222,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_columns_equal_residuals_of_a_corrected_calibration);
     RUN_TEST(test_std_are_the_configured_ones_in_order);
+    RUN_TEST(test_table_lies_as_the_indices_say);
     RUN_TEST(test_columns_impossible_pose_is_refused);
     RUN_TEST(test_systematic_name_of_each_parameter);
     return UNITY_END();

@@ -13,6 +13,8 @@
 #include <algorithm>
 #include <functional>
 #include <string>
+#include <tuple>
+#include <vector>
 
 extern "C" {
 #include "noise.h"
@@ -383,6 +385,22 @@ nb::dict quantities()
     return d;
 }
 
+using SystematicKind = std::tuple<const char*, const char*, int, int, bool, bool>;
+
+/// Kinds of systematic parameters of a robot with n_cables, in the order of xi.
+std::vector<SystematicKind> systematic_table(int n_cables)
+{
+    int n = 0, first = 0;
+    const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n);
+    std::vector<SystematicKind> table;
+    for (const ipe_systematic_kind_t* k = kinds; k < kinds + n; ++k) {
+        const int count = k->count + k->count_per_cable * n_cables;
+        table.emplace_back(k->name, k->unit, first, count, k->count_per_cable > 0, k->in_filter);
+        first += count;
+    }
+    return table;
+}
+
 }  // namespace
 
 NB_MODULE(inertiad_core, m)
@@ -522,6 +540,9 @@ NB_MODULE(inertiad_core, m)
             return out.release();
         },
         "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
+    m.def("systematic_table", systematic_table, "n_cables"_a,
+          "(name, SI unit, first index, count, whether per cable, whether the filter carries it) of each kind of "
+          "systematic parameter, in the order of xi. systematic.h");
     bind_batch(m);
     bind_plant(m);
 }

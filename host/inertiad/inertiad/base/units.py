@@ -66,7 +66,7 @@ def split(text: str) -> tuple[str, str]:
 
 
 def unit_factor(unit: str | None, dimension: Dimension) -> float:
-    """SI value of one of the unit. KeyError if it does not measure the dimension; its text lists what does."""
+    """SI value of one of the unit. KeyError if it does not measure the dimension; its text lists the units that do."""
     text = (unit or "").strip().strip("[]").replace(" ", "")
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)

@@ -44,7 +44,7 @@ KINDS: Final = {
 
 @dataclass
 class Published:
-    """What the daemon published about one run, in the order of arrival."""
+    """The daemon's messages about one run, in the order of arrival."""
 
     messages: dict[str, list[Any]] = field(default_factory=lambda: {name: [] for name in KINDS})
     arrival_ns: dict[str, list[int]] = field(default_factory=lambda: {name: [] for name in KINDS})
@@ -94,17 +94,17 @@ def daemon_path() -> Path:
     """build/bin/inertiad of this project. InputError: not built."""
     path = TOP / "build/bin/inertiad"
     if not path.exists():
-        raise InputError(f"{path}: not there: allowed: after make build, or with --daemon FILE")
+        raise InputError(f"{path}: not found; run make build, or pass --daemon FILE")
     return path
 
 
 @dataclass(frozen=True)
 class Setup:
-    """How the daemon is run."""
+    """Files and options of a daemon's run."""
 
     run: Path
     folder: Path
-    """for what it writes"""
+    """for its output files"""
     config: Path
     daemon: Path
     n_buses: int

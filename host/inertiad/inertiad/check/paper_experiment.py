@@ -35,7 +35,7 @@ FAULTS: Final = "paper"
 
 @dataclass(frozen=True)
 class Experiment:
-    """What one seed gave."""
+    """Result of one seed."""
 
     seed: int
     two_step: Body
@@ -46,7 +46,7 @@ class Experiment:
     """[8, 10] two-step results of the moves"""
     joint: Body
     is_joint_possible: bool
-    """what the data alone say, before the nearest possible body is taken"""
+    """the optimum of the data alone, before the projection to a consistent body"""
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,9 @@ def cut(run: Recording, first: float, last: float) -> Recording:
     rows = run.rows
     t_ns = np.rint(1e9 * rows.t).astype(np.int64)
     inside = (rows.t >= first) & (rows.t <= last)
-    columns = [np.ascontiguousarray(getattr(rows, name)[inside]) for name in ("acc", "gyro", "q", "position", "f")]
-    return replace(run, rows=inertiad_core.Rows(t_ns[inside], *columns))
+    values = (rows.acc, rows.gyro, rows.q, rows.position, rows.f)
+    acc, gyro, q, position, f = (np.ascontiguousarray(a[inside]) for a in values)
+    return replace(run, rows=inertiad_core.Rows(t_ns[inside], acc, gyro, q, position, f))
 
 
 def experiment(robot_file: Path, seed: int) -> Experiment:

@@ -25,7 +25,7 @@ def _check(form: str) -> None:
 
 
 def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, remarks: list[str]) -> list[str]:
-    """Write a run, or its identified body, in one of the known formats; says what is in which file.
+    """Write a run, or its identified body, in one of the known formats. Returns the contents of each file as text.
 
     remarks: what the run lacks and where it is damaged. InputError: unknown format, nothing to export, a package that
     is not installed.

@@ -20,6 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.identify import physical_consistency
 from inertiad.identify import two_step as paper
+from inertiad.robot import systematic
 from inertiad.robot.configuration import prior, theta_of
 from inertiad.robot.description import Nominal, Robot, inertia_matrix
 from inertiad.run import reader
@@ -33,36 +34,8 @@ LAG: Final = 4
 
 
 @dataclass(frozen=True)
-class Group:
-    """Systematic parameters of one kind and where they are in xi."""
-
-    name: str
-    first: int
-    n: int
-    unit: str
-    factor: float
-    """to the unit, from SI"""
-
-
-def groups(n_cables: int) -> list[Group]:
-    """The systematic parameters in the order of systematic.h."""
-    deg, m = 180.0 / np.pi, n_cables
-    return [
-        Group("attitude_bias", 0, 3, "deg", deg),
-        Group("world_yaw", 3, 1, "deg", deg),
-        Group("acc_bias", 4, 3, "m/s2", 1.0),
-        Group("imu_alignment", 7, 3, "deg", deg),
-        Group("position_delay", 10, 1, "ms", 1e3),
-        Group("force_offset", 11, m, "N", 1.0),
-        Group("force_gain", 11 + m, m, "%", 100.0),
-        Group("gyro_bias", 11 + 2 * m, 3, "deg/s", deg),
-        Group("force_delay", 14 + 2 * m, 1, "ms", 1e3),
-    ]
-
-
-@dataclass(frozen=True)
 class Estimate:
-    """What a method says about a body and, where it looks at them, about the sensors."""
+    """A method's estimate of the body and, for the joint fit, of the sensors' errors."""
 
     method: str
     body: Body
@@ -199,7 +172,7 @@ def two_step(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate
     note = (
         ()
         if possible
-        else (f"no body can have this inertia: one moment is {-2.0 * least:.1f} kg m2 above the sum of the others",)
+        else (f"inertia not physically consistent: one moment is {-2.0 * least:.1f} kg m2 above the sum of the others",)
     )
     body = Body(tuple(value), tuple(spread))
     return Estimate("paper", body, possible, (True,) * 10, theta, notes=note)
@@ -220,7 +193,7 @@ def fit(method: str, robot: Robot, config: Any, recordings: list[Recording]) -> 
 
 @dataclass(frozen=True)
 class Validation:
-    """How well an estimate predicts a run it has not seen."""
+    """Prediction error of an estimate on a run that was not used."""
 
     path: Path
     rms: Array
@@ -241,7 +214,8 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     if len(windows.y) == 0:
         raise InputError(f"{run.path}: no whole window in the data")
     e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
-    W = -windows.X(np.zeros(10))[:, :, 11 : 11 + run.robot.n_cables]
+    offsets = systematic.group("force_offset", run.robot.n_cables).part
+    W = -windows.X(np.zeros(10))[:, :, offsets]
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
 
@@ -255,11 +229,10 @@ def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
     if estimate.xi is None or estimate.xi_std is None:
         return {}
     result = {}
-    for group in groups(robot.n_cables):
-        part = slice(group.first, group.first + group.n)
+    for group in systematic.groups(robot.n_cables):
         configured = getattr(robot.calibration, group.name, None)
-        value = estimate.xi[part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
-        std = estimate.xi_std[part]
+        value = estimate.xi[group.part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
+        std = estimate.xi_std[group.part]
         if group.n == 1:
             result[group.name] = _quantity(float(value[0]), float(std[0]))
         else:
@@ -327,12 +300,13 @@ def text(estimate: Estimate, truth: Body | None) -> str:
 
 
 def remarks(estimate: Estimate, recordings: list[Recording], held_out: list[Validation]) -> list[str]:
-    """What else there is to say, a line each."""
+    """Notes on the result, a line each."""
     lines = [f"{run.path}: {note}" for run in recordings for note in run.notes]
     lines += list(estimate.notes)
     if not estimate.consistent and estimate.method != "paper":
         lines.append(
-            f"no body can have what the data say; nearest one shown, {estimate.distance:.1f} away (Mahalanobis squared)"
+            "the estimate is not physically consistent; showing the nearest consistent body "
+            f"(squared Mahalanobis distance {estimate.distance:.1f})"
         )
     if estimate.n_windows:
         f, t = np.sqrt((estimate.rms[:3] ** 2).sum()), np.sqrt((estimate.rms[3:] ** 2).sum())

@@ -3,7 +3,7 @@
 
     minimise (q - theta)^T P^-1 (q - theta)   subject to   Pi(q) >= eps E
 Pi is the pseudo-inertia (firmware/core/consistency.h) with lengths in radii of gyration, eps 0.002 of its trace; P is
-the covariance of the fit, so what the data know least moves most. A body that exists already costs one Cholesky factor.
+the covariance of the fit, so the least observable directions move most. A consistent body costs one Cholesky factor.
 The platform comes near the same point by cutting planes; here it is the exact minimum (interior point, Clarabel).
 """
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A live screen of what the daemon publishes: estimate, buses, latencies, losses, events. LCM in, terminal out."""
+"""A live view of the daemon's messages: estimate, buses, latencies, losses, events. LCM in, terminal out."""
 
 import time
 from collections import deque
@@ -16,7 +16,7 @@ from inertiad.run import estimate_message
 from inertiad_lcm import bus_t, estimate_t, event_t, health_t, host_t
 
 SILENT_AFTER = 2.0
-"""s without a message after which the table says so"""
+"""s without a message after which the table warns"""
 EVENTS_SHOWN = 6
 
 
@@ -133,7 +133,7 @@ def _latency_table(health: health_t) -> Table:
 
 
 def _loss_line(health: health_t) -> Text:
-    """Counters of what should not happen, if it did."""
+    """Counters of losses and refusals that are not 0."""
     lost = {
         name: n
         for name, n in _counters(health).items()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts into words: what is good, what is not, what to do next. Worst first; a report opens with this."""
+"""Verdict: findings from the report's data with their remedies, the worst first. A report opens with it."""
 
 import re
 from collections.abc import Iterator
@@ -8,12 +8,12 @@ from typing import Final, Literal
 
 import numpy as np
 
+from inertiad.base import counters
 from inertiad.base.body import NAMES
-from inertiad.check import verify
-from inertiad.identify import calibrate
 from inertiad.report import wording
 from inertiad.report.report_data import GAP, Facts, apart
 from inertiad.report.wording import shown
+from inertiad.robot import systematic
 
 Level = Literal["good", "care", "bad"]
 
@@ -102,7 +102,7 @@ def _changes(facts: Facts) -> Iterator[Finding]:
             if run.history.changed_at:
                 text += f", first at {run.history.changed_at[0]:.1f} s"
             if _is_broken(facts):
-                yield Finding("care", text, "most likely that sensor: look at what happened to it then")
+                yield Finding("care", text, "most likely that sensor: find out what happened to it then")
             else:
                 yield Finding("bad", text, "split the run there, or keep the payload as it is while recording")
 
@@ -127,7 +127,8 @@ def _consistency(facts: Facts) -> Iterator[Finding]:
     if facts.joint is not None and not facts.joint.consistent:
         yield Finding(
             "bad" if facts.joint.distance > 9.0 else "care",
-            f"no body can have what the data say; the nearest is shown, {np.sqrt(facts.joint.distance):.1f} sigma away",
+            "the estimate is not physically consistent; showing the nearest consistent body, "
+            f"{np.sqrt(facts.joint.distance):.1f} sigma away",
             "more excitation, or look for a mistake in geometry and sensor axes",
         )
 
@@ -137,7 +138,7 @@ def _calibration(facts: Facts) -> Iterator[Finding]:
     if joint is None or joint.xi is None or not len(facts.prior_xi):
         return
     far = np.abs(joint.xi) / np.maximum(facts.prior_xi, 1e-12)
-    labels = calibrate.names(facts.robot.n_cables)
+    labels = systematic.names(facts.robot.n_cables)
     factor = wording.factors(facts.robot.n_cables)
     for i in np.argsort(-far)[:3]:
         if far[i] > FAR:
@@ -157,7 +158,7 @@ def _observability(facts: Facts) -> Iterator[Finding]:
     if unseen:
         yield Finding(
             "care",
-            f"the motion does not tell {', '.join(unseen)}: the sigma is still more than half of the prior's",
+            f"{', '.join(unseen)}: not observable from this motion, the sigma is still more than half of the prior's",
             "turn the platform faster about all axes: inertiactl excite ROBOT -o excite.csv plans such a motion",
         )
 
@@ -168,7 +169,7 @@ def _losses(facts: Facts) -> Iterator[Finding]:
         if recording is None:
             continue
         lost = recording.n_rejected / max(recording.n_rejected + len(recording.rows), 1)
-        causes = ("missing", "late", "overrun", "bad_geometry", "restarts")  # told by _gaps() or as lost samples
+        causes = ("missing", "late", "overrun", "bad_geometry", "restarts")  # reported by _gaps() or as lost samples
         worst = {k: n for k, n in recording.counters.items() if n and k.rpartition(".")[2] in causes}
         if lost > LOST_MAX:
             cause = max(worst, key=lambda k: worst[k]) if worst else "no overlap of the sensors"
@@ -180,11 +181,13 @@ def _losses(facts: Facts) -> Iterator[Finding]:
         bad = {
             k: n
             for k, n in recording.counters.items()
-            if n and k.rpartition(".")[2] in verify.BAD_COUNTERS and k.rpartition(".")[2] not in causes
+            if n and counters.is_bad(k) and k.rpartition(".")[2] not in causes
         }
         if bad:
-            told = ", ".join(f"{k} {n}" for k, n in bad.items())
-            yield Finding("care", f"{run.name}: refused on the way: {told}", "inertiactl verify RUN names the frames")
+            listed = ", ".join(f"{k} {n}" for k, n in bad.items())
+            yield Finding(
+                "care", f"{run.name}: refused by the pipeline: {listed}", "inertiactl verify RUN names the frames"
+            )
         if recording.duration < SHORT:
             yield Finding(
                 "care",
@@ -256,7 +259,7 @@ def _accuracy(facts: Facts) -> Iterator[Finding]:
 
 
 def limits(facts: Facts) -> str:
-    """What the widest of mass, CoG and inertia is limited by, and what helps."""
+    """The error source that limits the least certain of mass, CoG and inertia, and its remedy."""
     u = facts.uncertainty
     if u is None:
         return ""
@@ -334,8 +337,8 @@ def judge(facts: Facts) -> Verdict:
     return Verdict(level, _headline(facts, level), findings)
 
 
-def spoken(verdict: Verdict) -> list[str]:
-    """For a terminal: headline and what is not good."""
+def summary(verdict: Verdict) -> list[str]:
+    """For a terminal: headline and findings that are not good."""
     lines = [verdict.headline]
     for finding in verdict.findings:
         if finding.level != "good":

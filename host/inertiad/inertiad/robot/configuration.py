@@ -220,7 +220,7 @@ def _values(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def differences(was: robot_config_t, now: robot_config_t) -> dict[str, str]:
-    """What two configurations disagree on, by its path: "0.64, was 0.628". Indices count from 1.
+    """Differences of two configurations by their path: "0.64, was 0.628". Indices count from 1.
 
     A number that differs by rounding, as processors with and without fused operations compile it, is the same.
     """

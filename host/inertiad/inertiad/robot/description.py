@@ -63,7 +63,7 @@ gravity                              9.81                 m/s2, along -z of W
 [calibration] position_delay,
               force_delay            0                    s, on top of [align]
 [calibration.std] as in [std]                             what `inertiactl calibrate` left over, instead of [std]
-[calibration] names, covariance,                          of all corrections together, and what the data could not tell:
+[calibration] names, covariance,                          of all corrections together, and unobservable parameters:
               not_told                                    for people and programs, not compiled
 ===================================  ===================  ==============================================================
 """
@@ -87,7 +87,7 @@ from inertiad.base.text_files import read_json, read_toml
 from inertiad.robot.messages import Range, Strict, nearest_or_known, shown, validate
 
 TENSION_MAX_DEFAULT = 1e6
-"""N: no cable holds more; says nothing about the platform"""
+"""N: no cable holds more; carries no information about the platform"""
 
 
 def _unit_norm(value: list[float]) -> list[float]:
@@ -197,7 +197,7 @@ Bound = Annotated[
     Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")] | Annotated[Scaled, Tag("table")],
     Discriminator(_form),
 ]
-"""What [signals] binds a quantity to."""
+"""The right-hand side of a key in [signals]."""
 
 
 class Position(Strict):
@@ -227,7 +227,7 @@ class Align(Strict):
 
 
 class Std(Strict):
-    """What calibration leaves over, one sigma. The defaults are a good modern set of sensors, not calibrated."""
+    """Sigmas of the errors after calibration. The defaults are a good modern set of sensors, not calibrated."""
 
     acc_bias: Sigma = 0.02
     gyro_bias: Sigma = 1.75e-4
@@ -379,7 +379,7 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _calibration(keys: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """[calibration] with what its file and, over that, its sync say under its own keys."""
+    """[calibration]: its own keys over those of its sync, and these over those of its file."""
     own = {k: v for k, v in keys.items() if k not in ("file", "sync")}
     for key, read in (("sync", _read_sync), ("file", read_toml)):
         if isinstance(keys.get(key), str):

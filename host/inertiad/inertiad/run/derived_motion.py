@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quantities a data set lacks, from those it has.
+"""Derived motion: quantities that a data set lacks, from those it has.
 
-Attitude from a tracker that tells poses, by spherical interpolation. Rate from attitude: quaternions are fitted by a
+Attitude from a tracker that measures poses, by spherical interpolation. Rate from attitude: quaternions are fitted by a
 quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2, which is the paper's equation (4) without its
 singularity. Specific force from positions: the IMU point's path is fitted by such a spline x(t), and
 s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it gives is averaged over windows
@@ -23,7 +23,7 @@ from inertiad.base.table import Array, Table
 from inertiad.robot.description import Robot
 
 KNOTS_PER_WINDOW = 4
-"""distance of the spline's knots: a quarter of the weak form's window, what the window can resolve"""
+"""knots of the spline per window of the weak form: the window resolves no more"""
 POSE_SAMPLES = 9
 """rows that stand for one pose at rest: exactly one window"""
 POSE_GAP = 10.0
@@ -42,7 +42,7 @@ class Completed:
     derives_rate: bool = False
     """gyro comes from attitude"""
     notes: tuple[str, ...] = ()
-    """what was done, in words"""
+    """the derived quantities, as text"""
 
 
 def spline(t: Array, x: Array, knot_distance: float) -> BSpline:
@@ -69,7 +69,7 @@ def rate_from_attitude(t: Array, q: Array, knot_distance: float) -> Array:
 
 @dataclass(frozen=True)
 class _Axes:
-    """How I axes, P axes and W lie to each other by the calibration; wrench.h has the equations."""
+    """Rotations between I, P and W by the calibration; equations in wrench.h."""
 
     R_PI: Rotation
     attitude: Rotation
@@ -117,7 +117,7 @@ def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Ar
 
 
 def force_from_positions(robot: Robot, signals: Table, positions: Table, knot_distance: float) -> Array:
-    """What an accelerometer would have measured at the signals' times, I axes, m/s2 [N, 3]."""
+    """Specific force at the signals' times, I axes, m/s2 [N, 3], with the calibration's bias."""
     t, x = _imu_path(robot, signals, positions)
     at, axes = np.clip(signals.t, t[0], t[-1]), _axes(robot)
     s = spline(t, x, knot_distance)(at, 2) + np.array([0.0, 0.0, robot.gravity])
@@ -126,7 +126,7 @@ def force_from_positions(robot: Robot, signals: Table, positions: Table, knot_di
 
 
 def _gyro_from_attitude(robot: Robot, signals: Table, knot_distance: float) -> Array:
-    """What a gyro would have measured at the signals' times, I axes, rad/s [N, 3]."""
+    """Angular rate at the signals' times, I axes, rad/s [N, 3], with the calibration's bias."""
     axes = _axes(robot)
     rate = rate_from_attitude(signals.t, signals.stack(*quantity.QUATERNION), knot_distance)
     return (axes.attitude * axes.R_PI).inv().apply(rate) + np.array(robot.calibration.gyro_bias)

@@ -4,14 +4,15 @@
 Frames are packed a whole column at a time; a signal costs one numpy pass per bit.
 """
 
+from __future__ import annotations
+
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +24,9 @@ from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Robot, read_data
 from inertiad.run import tracker_csv
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
 
 Bits = NDArray[np.uint64]
 
@@ -283,7 +287,7 @@ def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Pat
     tracker = tracker_csv.read(tracker_file) if tracker_file else None
     if tracker is None and robot.position.source == "tracker":
         raise InputError(
-            f'{robot_file}: position.source = "tracker": allowed: with --tracker FILE, else "fixed" or "can"'
+            f'{robot_file}: position.source = "tracker"; pass --tracker FILE, or set source to "fixed" or "can"'
         )
     frames = pack(bindings, signals, signals.t)
     open_run(folder)

@@ -42,11 +42,11 @@ SAMPLES_MAX = 20_000_000
 
 Progress = Callable[[str], None]
 Pack = Callable[[list[Binding], Table, Array], list[Frames]]
-"""Who makes frames of signals, as encode.pack() does."""
+"""A function that packs signals into frames, as encode.pack() does."""
 
 
 def tracker_target(robot: Robot, motion: Motion) -> Array:
-    """Where the tracker's target is during a motion, m [N, 3], world axes."""
+    """Position of the tracker's target during a motion, m [N, 3], world axes."""
     return motion.p + motion.R @ np.array(robot.tracker.target)
 
 
@@ -67,7 +67,7 @@ def measure_signals(
     rate: float,
     dice: Dice,
 ) -> Table:
-    """What IMU and force sensors report at times t [N] of the trajectory, as a signals table in host time."""
+    """Simulated IMU and force samples at times t [N] of the trajectory, as a signals table in host time."""
     motion = trajectory.at(t)
     R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True).as_matrix()
     s = specific_force(motion, robot.gravity, np.array(robot.imu.position))
@@ -87,7 +87,7 @@ def measure_signals(
 
 
 def measure_tracker(robot: Robot, trajectory: Trajectory, level: Faults, dice: Dice) -> Table:
-    """What the tracker reports, in host time."""
+    """Simulated tracker positions, in host time."""
     t = np.arange(int(trajectory.duration * level.tracker_rate) + 1) / level.tracker_rate
     xyz = sensor_models.measure_positions(tracker_target(robot, trajectory.at(t - level.tracker_delay)), level, dice)
     seen = ~sensor_models.out_of_sight(level, t, dice)
@@ -164,7 +164,7 @@ def truth_of(mechanics: Mechanics, drawn: Drawn, settings: dict[str, Any], level
 
 @dataclass(frozen=True)
 class Run:
-    """What to simulate."""
+    """Settings of a simulation."""
 
     robot_file: Path
     robot: Robot
@@ -183,12 +183,12 @@ class Run:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What came out."""
+    """Result of a simulation."""
 
     n_frames: int
     """in can.log"""
     remarks: list[str]
-    """what there is to say about the motion"""
+    """notes on the motion"""
 
 
 def body_of(robot: Robot, robot_file: Path, file: Path | None, mass: float | None) -> Nominal:
@@ -201,7 +201,7 @@ def body_of(robot: Robot, robot_file: Path, file: Path | None, mass: float | Non
     elif robot.nominal is not None:
         body = robot.nominal
     else:
-        raise InputError(f"{robot_file}: no [nominal] body: allowed: with --body FILE")
+        raise InputError(f"{robot_file}: no [nominal] body; pass --body FILE")
     return body if mass is None else validate(Nominal, body.model_dump() | {"mass": mass}, "--mass")
 
 
@@ -257,12 +257,12 @@ def _settings(run: Run, path: Trajectory) -> dict[str, Any]:
 
 
 def _path(run: Run, mechanics: Mechanics) -> tuple[Trajectory, list[str]]:
-    """How the platform moves, and what there is to say about it."""
+    """The motion of the platform, and notes on it."""
     if run.plant is None:
         return run.trajectory, []
     believed = forward_dynamics.believed_by_controller(run.robot, str(run.robot_file), mechanics)
     moved = forward_dynamics.move(mechanics, believed, run.trajectory, run.plant, run.rate)
-    return moved, forward_dynamics.spoken(moved, run.robot)
+    return moved, forward_dynamics.summary(moved, run.robot)
 
 
 def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pack) -> Simulated:
