@@ -17,7 +17,6 @@
 #include "counters.h"
 #include "host_clock.h"
 #include "inbox.h"
-#include "lateness.h"
 #include "notify.h"
 #include "options.h"
 #include "pipeline.h"
@@ -56,7 +55,6 @@ typedef struct {
     ipe_inbox_t inbox;
     ipe_pipeline_t pipelines[2];
     ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
-    ipe_learnt_t learnt;       ///< copied from one to the other
     ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;
@@ -83,8 +81,8 @@ typedef struct {
     ipe_bus_state_t bus_state[IPE_BUSES_MAX];
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
+    loss_t late[IPE_SENSOR_COUNT];  ///< samples too late for the rows
     ipe_presence_t presence[IPE_SENSOR_COUNT];
-    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
     int64_t presence_due_ns;      ///< data time of the next check of the sensors
     ipe_host_facts_t facts;       ///< read at the start
     int n_facts_ticks;            ///< until HOST is sent again

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "health.h"
 
+#include "counter_table.h"
 #include "message.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 
 static const uint64_t NS_PER_US = 1000;
@@ -45,7 +47,7 @@ void health_count_input(daemon_t* d)
         ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "silences", d->presence[s].n_lost);
         if (s == IPE_IMU) { continue; }
         ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "lateness_max_us",
-                         (uint64_t)d->lateness[s].worst_ns / NS_PER_US);
+                         (uint64_t)ipe_align_lateness(&d->pipeline->align, (ipe_sensor_t)s).largest_ns / NS_PER_US);
     }
 }
 
@@ -96,30 +98,15 @@ const char* health_bus_name(const daemon_t* d, unsigned i)
     return d->n_interfaces > 0 ? d->interface[i].interface : d->replay.bus[i].path;
 }
 
-static uint64_t rejected_rows(const ipe_pipeline_t* p)
-{
-    const ipe_align_t* a = &p->align;
-    uint64_t n = a->n_overrun + a->n_bad_quaternion + p->n_unsettled + p->wrench.n_geometry + p->window.n_backwards;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
-    n += a->n_backwards[IPE_IMU] + a->n_duplicate[IPE_IMU] + a->n_nonfinite[IPE_IMU];
-    return n + p->pace[IPE_IMU].n_dropped + p->stuck.n_stuck[IPE_IMU];
-}
-
-static uint64_t incomplete_samples(const ipe_pipeline_t* p)
-{
-    uint64_t n = 0;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += p->group[s].n_incomplete + p->group[s].n_lost; }
-    return n;
-}
-
 uint64_t health_rejected_rows(const daemon_t* d)
 {
-    return d->carried.n_rejected + rejected_rows(d->pipeline);
+    return d->carried.n_rejected + ipe_pipeline_counter_sum(d->pipeline, IPE_COUNTER_REJECTED);
 }
 
 uint64_t health_dropped(const daemon_t* d)
 {
-    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete + incomplete_samples(d->pipeline);
+    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete +
+                 ipe_pipeline_counter_sum(d->pipeline, IPE_COUNTER_INCOMPLETE);
     for (unsigned i = 0; i < d->option.n_buses; ++i) {
         n += health_bus_counts(d, i)->n_dropped + health_bus_counts(d, i)->n_controller_overruns;
     }
@@ -130,16 +117,16 @@ void health_carry(daemon_t* d, const ipe_pipeline_t* p)
 {
     uint64_t value;
     for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] += value; }
-    d->carried.n_rejected += rejected_rows(p);
-    d->carried.n_incomplete += incomplete_samples(p);
+    d->carried.n_rejected += ipe_pipeline_counter_sum(p, IPE_COUNTER_REJECTED);
+    d->carried.n_incomplete += ipe_pipeline_counter_sum(p, IPE_COUNTER_INCOMPLETE);
 }
 
 void health_carried(daemon_t* d, const ipe_pipeline_t* p)
 {
     uint64_t value;
     for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] -= value; }
-    d->carried.n_rejected -= rejected_rows(p);
-    d->carried.n_incomplete -= incomplete_samples(p);
+    d->carried.n_rejected -= ipe_pipeline_counter_sum(p, IPE_COUNTER_REJECTED);
+    d->carried.n_incomplete -= ipe_pipeline_counter_sum(p, IPE_COUNTER_INCOMPLETE);
 }
 
 static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
@@ -176,16 +163,19 @@ static void print_latency(const char* name, const ipe_histogram_t* h)
 
 void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text, size_t size)
 {
-    const ipe_lateness_t* l = &d->lateness[sensor];
-    const double advice = ipe_lateness_advice(l);
-    const int n = snprintf(text, size, "samples arrive up to %.2f s late; rows wait %.2f s: ",
-                           (double)l->worst_ns / (double)NS_PER_S, d->config.max_wait);
-    if (n < 0 || (size_t)n >= size) { return; }
-    if (advice <= IPE_MAX_WAIT) {
-        (void)snprintf(text + n, size - (size_t)n, "raise align.max_wait to at least %.2f", advice);
+    const double rate = d->config.sample_rate, step = 0.05;  // s, of the advice
+    const double late = (double)ipe_align_lateness(&d->pipeline->align, sensor).largest_ns / (double)NS_PER_S;
+    const double advice = step * ceil(late / step);
+    const double limit = rate > 0.0 ? fmin(IPE_MAX_WAIT, IPE_WAIT_MAX / rate) : IPE_MAX_WAIT;
+    if (advice <= limit) {
+        (void)snprintf(text, size,
+                       "samples arrive up to %.3f s late; rows wait %g s: raise align.max_wait to at least %.2f", late,
+                       d->config.max_wait, advice);
     } else {
-        (void)snprintf(text + n, size - (size_t)n, "align.max_wait can be at most %g; deliver the samples sooner",
-                       IPE_MAX_WAIT);
+        (void)snprintf(text, size,
+                       "samples arrive up to %.3f s late; rows wait %g s, and align.max_wait can be at most %g: deliver the "
+                       "samples sooner",
+                       late, d->config.max_wait, limit);
     }
 }
 
@@ -196,7 +186,7 @@ void health_print(const daemon_t* d)
     print_latency("decoded", &d->decoded);
     print_latency("estimate", &d->estimated);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        if (d->lateness[s].needed_ns == 0) { continue; }
+        if (ipe_align_lateness(&d->pipeline->align, (ipe_sensor_t)s).n_too_late == 0) { continue; }
         health_describe_lateness(d, (ipe_sensor_t)s, text, sizeof text);
         ipe_message("%s: %s", health_sensor_name((ipe_sensor_t)s), text);
     }

@@ -52,7 +52,7 @@ typedef enum { LOSS_SAME, LOSS_BEGAN, LOSS_ENDED } loss_change_t;
 /// n lost so far: did the loss begin since the last call, or end?
 static loss_change_t update_loss(loss_t* l, uint64_t n)
 {
-    const bool is_losing = n != l->n_last;
+    const bool is_losing = n > l->n_last;  // fewer: another pipeline took over
     const bool was_losing = l->is_losing;
     if (is_losing && !was_losing) { l->n_before = l->n_last; }
     l->n_last = n;
@@ -147,24 +147,20 @@ static void check_sensors(daemon_t* d, int64_t now_ns)
     report_presence(d, now_ns);
 }
 
-static void measure_lateness(daemon_t* d, ipe_sensor_t sensor)
-{
-    ipe_lateness_push(&d->lateness[sensor], d->pipeline->align.n_samples[sensor], daemon_newest_sample(d, sensor),
-                      daemon_newest_sample(d, IPE_IMU));
-}
-
 static void report_lateness(daemon_t* d, ipe_sensor_t sensor)
 {
     char text[REASON_SIZE];
-    const ipe_align_t* a = &d->pipeline->align;
-    const uint64_t n_lost = a->n_late[sensor] + (sensor == IPE_POSITION ? a->n_carried : 0);
-    switch (ipe_lateness_look(&d->lateness[sensor], n_lost, a->max_wait_ns)) {
-    case IPE_LATENESS_BEGAN:
+    loss_t* l = &d->late[sensor];
+    switch (update_loss(l, ipe_align_lateness(&d->pipeline->align, sensor).n_too_late)) {
+    case LOSS_BEGAN:
         health_describe_lateness(d, sensor, text, sizeof text);
         report(d, health_sensor_name(sensor), "%s", text);
         break;
-    case IPE_LATENESS_ENDED: report(d, health_sensor_name(sensor), "in time again"); break;
-    case IPE_LATENESS_SAME:
+    case LOSS_ENDED:
+        report(d, health_sensor_name(sensor), "in time again; %" PRIu64 " samples were too late",
+               l->n_last - l->n_before);
+        break;
+    case LOSS_SAME:
     default: break;
     }
 }
@@ -173,8 +169,8 @@ static void report_lateness(daemon_t* d, ipe_sensor_t sensor)
 
 static void report_change(daemon_t* d)
 {
-    if (d->pipeline->detect.n_changes == d->n_changes_reported) { return; }
-    d->n_changes_reported = d->pipeline->detect.n_changes;
+    if (d->pipeline->estimator.change_detector.n_changes == d->n_changes_reported) { return; }
+    d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
     ipe_publish_event(&d->publisher, d->last_row_ns, "detect", "payload changed");
 }
 
@@ -194,15 +190,8 @@ void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
     report_change(d);
-    measure_lateness(d, IPE_FORCE);
-    measure_lateness(d, IPE_POSITION);
     check_second(d, frame->t_ns);
     check_sensors(d, frame->t_ns);
-}
-
-void monitor_position(daemon_t* d)
-{
-    measure_lateness(d, IPE_POSITION);
 }
 
 // ---- by real time ---------------------------------------------------------------------------------------------------
@@ -220,7 +209,7 @@ static void report_status(daemon_t* d)
 {
     char mass[64] = "no estimate yet";
     unsigned n_up = 0;
-    const ipe_estimate_t* e = &d->pipeline->estimate;
+    const ipe_estimate_t* e = &d->pipeline->estimator.estimate;
     for (unsigned i = 0; i < d->n_interfaces; ++i) { n_up += d->interface[i].is_up ? 1 : 0; }
     if (e->n_windows > 0) { (void)snprintf(mass, sizeof mass, "%.3f +- %.3f kg", e->body.mass, e->body.mass_std); }
     ipe_notify_send(&d->notify, "WATCHDOG=1\nSTATUS=%" PRIu64 " frames/s, %s%s, %u of %u interfaces up",

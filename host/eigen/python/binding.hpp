@@ -14,6 +14,10 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+extern "C" {
+#include "counter_table.h"
+}
+
 #include <memory>
 #include <string>
 #include <vector>
