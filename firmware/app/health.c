@@ -172,10 +172,11 @@ void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text
                        "samples arrive up to %.3f s late; rows wait %g s: raise align.max_wait to at least %.2f", late,
                        d->config.max_wait, advice);
     } else {
-        (void)snprintf(text, size,
-                       "samples arrive up to %.3f s late; rows wait %g s, and align.max_wait can be at most %g: deliver the "
-                       "samples sooner",
-                       late, d->config.max_wait, limit);
+        (void)snprintf(
+            text, size,
+            "samples arrive up to %.3f s late; rows wait %g s, and align.max_wait can be at most %g: deliver the "
+            "samples sooner",
+            late, d->config.max_wait, limit);
     }
 }
 

@@ -42,7 +42,7 @@ static void read_error_frame(daemon_t* d, const ipe_frame_t* frame)
     const char* news = ipe_bus_state_push(&d->bus_state[frame->bus], frame);
     if (news == NULL || ++d->n_state_events[frame->bus] > STATE_EVENTS_MAX) { return; }
     report(d, health_bus_name(d, frame->bus), "%s%s", news,
-         d->n_state_events[frame->bus] == STATE_EVENTS_MAX ? "; more within this second are only counted" : "");
+           d->n_state_events[frame->bus] == STATE_EVENTS_MAX ? "; more within this second are only counted" : "");
 }
 
 // ---- losses -------------------------------------------------------------------------------------------------------
@@ -66,11 +66,13 @@ static void report_bus_loss(daemon_t* d, unsigned i)
     loss_t* l = &d->bus_loss[i];
     switch (update_loss(l, n->n_dropped + n->n_controller_overruns)) {
     case LOSS_BEGAN:
-        report(d, health_bus_name(d, i), "frames are being lost: %" PRIu64 " by the %s, %" PRIu64 " times in the controller",
-             n->n_dropped, d->n_interfaces > 0 ? "kernel" : "logger", n->n_controller_overruns);
+        report(d, health_bus_name(d, i),
+               "frames are being lost: %" PRIu64 " by the %s, %" PRIu64 " times in the controller", n->n_dropped,
+               d->n_interfaces > 0 ? "kernel" : "logger", n->n_controller_overruns);
         break;
     case LOSS_ENDED:
-        report(d, health_bus_name(d, i), "no more frames are being lost; %" PRIu64 " were lost", l->n_last - l->n_before);
+        report(d, health_bus_name(d, i), "no more frames are being lost; %" PRIu64 " were lost",
+               l->n_last - l->n_before);
         break;
     case LOSS_SAME:
     default: break;
@@ -85,7 +87,7 @@ static void report_record(daemon_t* d)
         report(d, "record", "messages are being lost: %s", cause != 0 ? strerror(cause) : "the queue is full");
     } else if (change == LOSS_ENDED) {
         report(d, "record", "no more messages are being lost; %" PRIu64 " were lost",
-             d->record_loss.n_last - d->record_loss.n_before);
+               d->record_loss.n_last - d->record_loss.n_before);
     }
 }
 
@@ -96,7 +98,8 @@ static void report_lcm(daemon_t* d)
     if (change == LOSS_BEGAN) {
         report(d, "lcm", "messages cannot be sent");
     } else if (change == LOSS_ENDED) {
-        report(d, "lcm", "messages are sent again; %" PRIu64 " were not sent", d->lcm_loss.n_last - d->lcm_loss.n_before);
+        report(d, "lcm", "messages are sent again; %" PRIu64 " were not sent",
+               d->lcm_loss.n_last - d->lcm_loss.n_before);
     }
 }
 
@@ -113,7 +116,7 @@ void monitor_clock(daemon_t* d)
 {
     if (!ipe_host_clock_refresh(&d->clock)) { return; }
     report(d, "clock", "the host's clock was stepped by %+.6f s; stamps go on without a jump",
-         (double)d->clock.step_ns / (double)NS_PER_S);
+           (double)d->clock.step_ns / (double)NS_PER_S);
 }
 
 static void report_presence(daemon_t* d, int64_t now_ns)
@@ -125,8 +128,8 @@ static void report_presence(daemon_t* d, int64_t now_ns)
         const ipe_presence_change_t change = ipe_presence_look(p, d->pipeline->align.n_samples[s], newest_ns, now_ns);
         if (change == IPE_PRESENCE_SAME) { continue; }
         report(d, health_sensor_name((ipe_sensor_t)s),
-             change == IPE_PRESENCE_LOST ? "lost, silent for %.2f s" : "back after %.2f s",
-             (double)p->silence_ns / (double)NS_PER_S);
+               change == IPE_PRESENCE_LOST ? "lost, silent for %.2f s" : "back after %.2f s",
+               (double)p->silence_ns / (double)NS_PER_S);
     }
 }
 

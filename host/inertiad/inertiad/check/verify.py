@@ -2,9 +2,9 @@
 """Verification of the daemon on a run. One line per check: PASS, FAIL, or OPEN where it could not be made.
 
 The frames in RAW are compared with the log, the positions in ORDER with those sent, the counters with each other, the
-rows with a decoder of our own (from the DBC, in numpy), rows and estimates with a recomputation by the same core and the
-last estimate with the joint batch solver and with the truth of a simulated run. robot.toml and its DBC files are compared with the configuration
-of the run, where the run has it: in the daemon's own record run.lcmlog, or as robot.cfg.
+rows with a decoder of our own (from the DBC, in numpy), rows and estimates with a recomputation by the same core, the
+last estimate with the joint batch solver and with the truth of a simulated run. robot.toml and its DBC files are
+compared with the configuration of the run, where it is known: from the daemon's record run.lcmlog, or as robot.cfg.
 """
 
 import json
