@@ -9,7 +9,7 @@ typedef struct {
     uint64_t n_frames;               ///< frames handed on, error frames included
     uint64_t n_error_frames;         ///< of these: error frames
     uint64_t n_controller_overruns;  ///< error frames that report an overflow of the controller's own buffer
-    uint64_t n_dropped;              ///< frames lost before they reached this source, as far as kernel or logger report it
+    uint64_t n_dropped;  ///< frames lost before they reached this source, as far as kernel or logger report it
 } ipe_bus_counts_t;
 
 /// Count one frame that is handed on.
