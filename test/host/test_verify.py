@@ -211,7 +211,7 @@ exit $status
 def test_estimates_are_bit_identical_when_the_daemon_stalls_for_seconds(run, tmp_path, can_over_udp):
     """On a live bus, whose frames and positions a stalled daemon finds in two queues, in no order of their stamps."""
     text = (run / "robot.toml").read_text()
-    (run / "robot.toml").write_text(text + "\n[align]\nmax_wait = 2.0\n")
+    (run / "robot.toml").write_text(text + "\n[align]\nmax_wait = 0.05\n")
     stalling = tmp_path / "stalling"
     stalling.write_text(f"#!/usr/bin/env bash\nDAEMON={DAEMON}{STALLING}")
     stalling.chmod(0o755)
