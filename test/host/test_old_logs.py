@@ -51,7 +51,7 @@ def test_report_reads_it(run, inertiactl):
 def test_verify_reads_the_configuration_from_it(run, inertiactl):
     done = inertiactl("verify", run)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "PASS  robot.toml: is what the run was made with, says run.lcmlog" in done.stdout
+    assert "PASS  robot.toml: equals run.lcmlog" in done.stdout
 
 
 def test_export_reads_it(run, inertiactl):
