@@ -29,6 +29,12 @@ typedef struct {
     uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
 } ipe_ring_t;
 
+/// How late the samples of a sensor come, in data time: behind the newest IMU sample whose instant is known.
+typedef struct {
+    int64_t largest_ns;   ///< largest lateness of a sample taken in
+    uint64_t n_too_late;  ///< samples that came after rows past their instant had gone on without them
+} ipe_lateness_t;
+
 typedef struct {
     int n_cables;
     bool has_rpy;
@@ -42,6 +48,8 @@ typedef struct {
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
     ipe_dead_reckoning_t dead_reckoning;
+    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
+    int64_t row_ns;  ///< instant of the last IMU sample that became a row or was dropped; 0: none yet
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
@@ -73,5 +81,8 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
 
 /// The next row, if its sensors are all there. IPE_OK or IPE_NOT_READY; dropped rows are skipped and counted.
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);
+
+/// Lateness of a sensor since the start. If n_too_late is not 0, max_wait (s) has to be raised over largest_ns.
+ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor);
 
 #endif

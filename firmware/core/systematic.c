@@ -48,10 +48,11 @@ int ipe_systematic_filter_count(int n_cables)
 void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX])
 {
     const ipe_systematic_kind_t* kind = kinds;
-    for (int n; index >= (n = kind->count + kind->count_per_cable * n_cables); ++kind) { index -= n; }
+    int n;
+    while (index >= (n = kind->count + kind->count_per_cable * n_cables)) { index -= n, ++kind; }
     if (kind->count_per_cable > 0) {
         (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%d", kind->name, (index + 1) % 100);
-    } else if (kind->count == 3) {
+    } else if (n == 3) {
         (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%c", kind->name, "xyz"[index]);
     } else {
         (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s", kind->name);

@@ -83,7 +83,7 @@ typedef struct {
     char systematic_name[IPE_XI_FILTER_MAX][IPE_SYSTEMATIC_NAME_MAX];
     char* systematic_names[IPE_XI_FILTER_MAX];  ///< pointers to them, as the generated encoder takes them
 
-    int n_frames, n_rows, n_items;  ///< in the open blocks
+    int n_frames, n_rows, n_items;              ///< in the open blocks
     inertiad_lcm_can_frame_t frame[IPE_PUBLISH_FRAMES];
     uint8_t frame_data[IPE_PUBLISH_FRAMES][IPE_DATA_MAX];
     inertiad_lcm_signals_row_t row[IPE_PUBLISH_ROWS];

@@ -81,3 +81,12 @@ def inertiactl() -> Callable[..., subprocess.CompletedProcess[str]]:
         return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=TOP)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def can_over_udp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library that, preloaded into a program, gives it UDP sockets in place of CAN sockets; see can_over_udp.c."""
+    library = tmp_path_factory.mktemp("can_over_udp") / "can_over_udp.so"
+    source = TOP / "test/host/can_over_udp.c"
+    subprocess.run(["cc", "-std=gnu11", "-O2", "-shared", "-fPIC", "-o", library, source], check=True)
+    return library

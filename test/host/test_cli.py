@@ -2,6 +2,8 @@
 """The command line in a process of its own: exit codes, one line on stderr, files written."""
 
 import json
+import subprocess
+import tomllib
 
 import lcm
 import numpy as np
@@ -32,6 +34,12 @@ def test_help_shows_an_example(inertiactl, command):
     result = inertiactl(command, "-h")
     assert result.returncode == 0
     assert f"Example: inertiactl {command}" in " ".join(result.stdout.split())
+
+
+def test_daemon_prints_the_packages_version():
+    project = tomllib.loads((TOP / "host/inertiad/pyproject.toml").read_text())["project"]
+    done = subprocess.run([TOP / "build/bin/inertiad", "--version"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"inertiad {project['version']}\n")
 
 
 def test_help_lists_the_commands(inertiactl):

@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, ISOLATED, TOP
 
+from inertiad.check import daemon_run, estimate_checks
+from inertiad.check.case import Case
+from inertiad.check.daemon_run import Published
 from inertiad.robot import configuration, description
 from inertiad.run import lcmlog
 from inertiad_lcm import command_t, estimate_t, event_t, robot_config_t
@@ -76,11 +79,11 @@ def test_every_command_is_answered_recorded_and_counted(moving, tmp_path):
         (True, r"freeze done: frozen after \d+ windows"),
         (True, r"freeze done: frozen already, \d+ windows"),
         (True, r"resume done: learning after \d+ windows"),
-        (True, r"reset done: \d+ windows forgotten; starting from the prior"),
+        (True, r"reset done: \d+ windows discarded; starting from the prior"),
         (False, r"tare refused: moving: the attitude changes"),
         (True, r"mark done: load on"),
         (True, r"configure done: the same configuration, nothing changed"),
-        (True, r"configure done: memory, estimate_rate changed; what was learnt stays"),
+        (True, r"configure done: memory, estimate_rate changed; the learnt state stays"),
         (False, r"configure refused: damaged or not a compiled configuration \(CRC differs\).*"),
         (True, r"configure done: .*prior_theta.* changed; starting from the prior"),
     ]
@@ -99,6 +102,26 @@ def test_every_command_is_answered_recorded_and_counted(moving, tmp_path):
     assert [command_t.decode(e.data).text for e in events if e.channel == "INERTIAD_COMMAND"].count("load on") == 1
     configs = [robot_config_t.decode(e.data) for e in events if e.channel == "INERTIAD_CONFIG"]
     assert [c.estimate_rate for c in configs] == [50.0, 20.0, 50.0]
+
+
+def test_record_repeats_every_estimate_whatever_was_commanded(resting, tmp_path):
+    record = tmp_path / "run.lcmlog"
+    session(resting, ["1", "freeze", "0.5", "resume", "1.5", "tare", "0.5", "reset", "1"], "--record", record)
+    case = recorded_case(resting, record)
+    kinds = [item.kind for message in case.published.messages["ORDER"] for item in message.item if item.kind]
+    assert kinds == [command_t.FREEZE, command_t.RESUME, command_t.TARE, command_t.RESET]
+    checks = {c.name: c for c in estimate_checks.check_recomputation(case, estimate_checks.recompute(case))}
+    assert checks["rows recomputed"].passed and checks["estimates"].passed, checks
+
+
+def recorded_case(run: Path, record: Path) -> Case:
+    published = Published()
+    for event in lcmlog.read(record):
+        channel = event.channel.replace("INERTIAD_", daemon_run.PREFIX)
+        published.add(lcmlog.Event(event.number, event.t_us, channel, event.data))
+    data, raw = (run / "robot.cfg").read_bytes(), published.frames(1)
+    robot = description.load(run / "robot.toml")
+    return Case(robot, data, data, raw, raw, published, [], [], run)
 
 
 def test_frozen_estimate_stays_and_resumed_one_goes_on(moving, tmp_path):

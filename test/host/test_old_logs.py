@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A log whose ESTIMATE has version 1 of the message is read by every command that reads logs.
 
-logs/estimate_v1: 3 s of CoGiRo at 50 Hz, recorded by the last daemon that wrote version 1; the 21 estimates are at 10 Hz.
+logs/estimate_v1: 3 s of CoGiRo at 50 Hz, recorded by the last daemon that wrote version 1; 21 estimates, at 10 Hz.
 """
 
 import shutil
@@ -51,7 +51,7 @@ def test_report_reads_it(run, inertiactl):
 def test_verify_reads_the_configuration_from_it(run, inertiactl):
     done = inertiactl("verify", run)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "PASS  robot.toml: is what the run was made with, says run.lcmlog" in done.stdout
+    assert "PASS  robot.toml: equals run.lcmlog" in done.stdout
 
 
 def test_export_reads_it(run, inertiactl):

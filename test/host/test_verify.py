@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import COGIRO, TOP
+from conftest import COGIRO, ISOLATED, TOP
 
 import inertiad_core
 from inertiad.check import verify
@@ -198,3 +198,31 @@ def test_unusable_run_is_one_line_and_exit_2(inertiactl, run):
     result = inertiactl("verify", run)
     assert result.returncode == 2
     assert "tracker.csv: not found" in result.stderr and len(result.stderr.splitlines()) == 1
+
+
+STALLING = """
+"$DAEMON" "$@" &
+pid=$!
+trap 'kill -CONT $pid; kill -TERM $pid' TERM
+(while kill -STOP $pid 2>/dev/null; do sleep 1.3; kill -CONT $pid 2>/dev/null; sleep 0.7; done) &
+while kill -0 $pid 2>/dev/null; do wait $pid; status=$?; done
+exit $status
+"""
+
+
+def test_estimates_are_bit_identical_when_the_daemon_stalls_for_seconds(run, tmp_path, can_over_udp):
+    """On a live bus, whose frames and positions a stalled daemon finds in two queues, in no order of their stamps."""
+    text = (run / "robot.toml").read_text()
+    (run / "robot.toml").write_text(text + "\n[align]\nmax_wait = 0.05\n")
+    stalling = tmp_path / "stalling"
+    stalling.write_text(f"#!/usr/bin/env bash\nDAEMON={DAEMON}{STALLING}")
+    stalling.chmod(0o755)
+    command = ["verify", run, "--bus", "socketcan:vcan0", "--daemon", stalling, "--latency-max", "10"]
+    command = [*ISOLATED, "env", f"LD_PRELOAD={can_over_udp}", sys.executable, "-m", "inertiad", *command]
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=180)
+    lines = {line[6:].split(": ")[0]: line for line in done.stdout.splitlines()}
+    assert lines["messages"].startswith("PASS") and lines["frames add up"].startswith("PASS"), done.stdout + done.stderr
+    assert lines["rows recomputed"].endswith("bit-identical") and lines["rows recomputed"].startswith("PASS"), (
+        done.stdout
+    )
+    assert lines["estimates"].endswith("bit-identical") and lines["estimates"].startswith("PASS"), done.stdout

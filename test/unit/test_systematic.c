@@ -204,11 +204,11 @@ static void test_columns_impossible_pose_is_refused(void)
 
 static void test_systematic_name_of_each_parameter(void)
 {
-    static const char* const EXPECTED[] = {
-        "attitude_bias_x", "attitude_bias_y", "attitude_bias_z", "world_yaw",       "acc_bias_x",     "acc_bias_y",
-        "acc_bias_z",      "imu_alignment_x", "imu_alignment_y", "imu_alignment_z", "position_delay", "force_offset_1",
-        "force_offset_2",  "force_gain_1",    "force_gain_2",    "gyro_bias_x",     "gyro_bias_y",    "gyro_bias_z",
-        "force_delay"};
+    static const char* const EXPECTED[] = {"attitude_bias_x", "attitude_bias_y", "attitude_bias_z", "world_yaw",
+                                           "acc_bias_x",      "acc_bias_y",      "acc_bias_z",      "imu_alignment_x",
+                                           "imu_alignment_y", "imu_alignment_z", "position_delay",  "force_offset_1",
+                                           "force_offset_2",  "force_gain_1",    "force_gain_2",    "gyro_bias_x",
+                                           "gyro_bias_y",     "gyro_bias_z",     "force_delay"};
     char name[IPE_SYSTEMATIC_NAME_MAX];
     TEST_ASSERT_EQUAL(sizeof EXPECTED / sizeof EXPECTED[0], ipe_systematic_count(2));
     for (int i = 0; i < ipe_systematic_count(2); ++i) {

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of the estimates: against the same core offline, a batch fit without recursion, and the truth."""
+"""Checks of the published rows and estimates.
+
+Rows and estimates are compared bit for bit with a recomputation by the same core, from RAW and ORDER in the order in
+which the daemon used them; every estimate that was due must be there. The last estimate is compared with the joint
+batch solver on the published rows, and with the truth of a simulated run.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -90,14 +95,14 @@ def recompute(case: Case) -> Recomputed:
 
 
 def _due(case: Case, mine: Recomputed) -> list[dict[str, Any]]:
-    """The estimates that the daemon has to publish: at the configured rate of the published rows' time, and the last."""
+    """The estimates to be published: at the configured rate in the time of the published rows, and the last."""
     rows = [row.t_ns for message in case.published.messages["SIGNALS"] for row in message.row]
     period = round(1e9 / robot_config_t.decode(case.config_bytes[:-4]).estimate_rate)
     due, found = None, []
-    for t, estimate in zip(rows, mine.after_row, strict=False):
-        if estimate is None or (due is not None and -period <= t - due < 0):
+    for t, current in zip(rows, mine.after_row, strict=False):
+        if current is None or (due is not None and -period <= t - due < 0):
             continue
-        found.append(estimate)
+        found.append(current)
         due = (due if due is not None and 0 <= t - due < period else t) + period
     return [*found, mine.last] if mine.last is not None else found
 
