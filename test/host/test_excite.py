@@ -230,7 +230,7 @@ BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (BODY, "4 cables leave 2 of 6 degrees of freedom free, .*: allowed: excite --poses N"),
+        (BODY, "4 cables leave 2 of 6 degrees of freedom free, .*; use excite --poses N"),
         ("", r"no \[nominal\] body"),
     ],
 )

@@ -73,9 +73,19 @@ def planned_windows(config: Config, rate: float, s: Annotated[NDArray[numpy.floa
 def planned_instants(config: Config, s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], w: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alpha: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], velocity: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], f: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]) -> NDArray[numpy.float64]:
     """[Y, -X] [N,6,21+2m] of single instants. systematic.h"""
 
-def rehearse(config: Config, H: Annotated[NDArray[numpy.float64], dict(shape=(None, 6, None), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.float64], dict(shape=(None, 6), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]:
+def rehearse(config: Config, rate: float, s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], w: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], f: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.float64], dict(shape=(None, 6), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]:
     """
-    Covariance [10,10] of theta about the IMU after the filter took y [M,6] = H [M,6,21+2m] x + noise, from its own prior and with the noise level it learns. rls.h, noise.h
+    Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to planned_windows(), whose windows' wrenches are y [M,6]. estimator.h
+    """
+
+def published_covariance(config: Config, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], P: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]) -> Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]:
+    """
+    Covariance [10,10] of mass, CoG and inertia about P, as published for theta [10] with covariance P [10,10], both about the IMU. ValueError: no physically consistent body is near theta. estimate.h
+    """
+
+def counter_table() -> list:
+    """
+    [{name, is_rejected, is_bad}] of every counter of the pipeline, in its order. counter_table.h
     """
 
 def decode_raw(data: bytes, start: int, length: int, big_endian: bool, is_signed: bool) -> int:
@@ -124,13 +134,22 @@ class Pipeline:
 
     def step(self) -> int:
         """
-        Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.
+        Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused. A used row is kept for Windows.
         """
 
     def drain(self) -> None:
         """Step until no row is ready; the rows are kept for Windows."""
 
     def flush(self) -> None: ...
+
+    def freeze(self, is_frozen: bool) -> None:
+        """Stop learning from windows, or resume it."""
+
+    def reset(self) -> None:
+        """Start the estimator again from its prior."""
+
+    def set_gyro_bias(self, bias: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')]) -> None:
+        """Use this gyro bias [3], I axes, rad/s, from the next row on."""
 
     @property
     def estimate(self) -> dict: ...
