@@ -10,6 +10,10 @@
 
 #include <stddef.h>
 
+/// s, correlation time of std_attitude_wander. A third of it, or three times it, changes no error by a tenth (simulated
+/// CoGiRo, firmware/DESIGN.md, "States").
+#define IPE_WANDER_TIME 20.0
+
 typedef struct {
     double anchor[3];          ///< pulley entry point or point anchor, W, m
     double attachment[3];      ///< P, m
