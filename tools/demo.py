@@ -19,10 +19,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from inertiad import paper
-from inertiad.error import InputError
-from inertiad.estimate import NAMES, UNITS, Body, errors, of_message, read, read_json, read_truth
-from inertiad.network import DEFAULT_URL, connect
+from inertiad.base.body import NAMES, UNITS, Body, errors, of_message, read, read_truth
+from inertiad.base.channels import DEFAULT_URL
+from inertiad.base.error import InputError
+from inertiad.base.text_files import read_json
+from inertiad.identify import two_step
+from inertiad.live.lcm_network import connect
 from inertiad_lcm import estimate_t
 
 matplotlib.use("Agg")
@@ -164,7 +166,7 @@ def result_table(estimate: Body, truth: Body) -> Table:
         table.add_column(heading)
     for heading in ("truth", "ours", "± std", "our error", "paper's error"):
         table.add_column(heading, justify="right")
-    published = [e - n for e, n in zip(paper.ESTIMATED, paper.NOMINAL, strict=True)]
+    published = [e - n for e, n in zip(two_step.ESTIMATED, two_step.NOMINAL, strict=True)]
     for i, error in enumerate(errors(estimate, truth)):
         unit = "mm" if UNITS[i] == "m" else UNITS[i]
         values = (shown(i, truth.value[i]), shown(i, estimate.value[i]), shown(i, estimate.std[i]))

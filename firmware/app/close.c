@@ -46,7 +46,7 @@ bool daemon_close(daemon_t* d)
     ipe_replay_close(&d->replay);
     if (d->option.estimate != NULL && write_estimate(d) != 0) { is_good = false; }
     if (d->option.checkpoint != NULL && ipe_checkpoint_close(&d->checkpoint, d->pipeline) != 0) { is_good = false; }
-    ipe_publish_last(&d->publisher, &d->pipeline->estimate);
+    ipe_publish_last(&d->publisher, &d->pipeline->estimator.estimate);
     health_send(d, flow_now(d));
     if (!close_record(d)) { is_good = false; }
     health_count(d);

@@ -31,7 +31,7 @@ static answer_t answer(bool is_done, const char* format, ...)
 
 static answer_t freeze(daemon_t* d, bool is_frozen)
 {
-    const uint64_t n = d->pipeline->estimate.n_windows;
+    const uint64_t n = d->pipeline->estimator.estimate.n_windows;
     const char* state = is_frozen ? "frozen" : "learning";
     if (d->pipeline->is_frozen == is_frozen) { return answer(true, "%s already, %" PRIu64 " windows", state, n); }
     ipe_pipeline_freeze(d->pipeline, is_frozen);
@@ -40,11 +40,11 @@ static answer_t freeze(daemon_t* d, bool is_frozen)
 
 static answer_t reset(daemon_t* d)
 {
-    const uint64_t n = d->pipeline->estimate.n_windows;
+    const uint64_t n = d->pipeline->estimator.estimate.n_windows;
     health_carry(d, d->pipeline);
     ipe_pipeline_reset(d->pipeline);
     health_carried(d, d->pipeline);
-    d->n_changes_reported = d->pipeline->detect.n_changes;
+    d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
     return answer(true, "%" PRIu64 " windows forgotten; starting from the prior%s", n,
                   d->pipeline->is_frozen ? " after resume" : "");
 }
@@ -78,14 +78,11 @@ static void switch_pipeline(daemon_t* d, ipe_pipeline_t* next, bool keeps_learnt
     ipe_pipeline_flush(last);  // rows that wait there belong to it
     flow_step(d);
     health_carry(d, last);
-    if (keeps_learnt) {
-        ipe_pipeline_learnt(last, &d->learnt);
-        ipe_pipeline_continue(next, &d->learnt);
-    }
+    if (keeps_learnt) { ipe_pipeline_continue(next, &last->estimator, last->config.gyro_bias); }
     ipe_pipeline_freeze(next, last->is_frozen);
     d->pipeline = next;
     health_carried(d, next);
-    d->n_changes_reported = next->detect.n_changes;
+    d->n_changes_reported = next->estimator.change_detector.n_changes;
 }
 
 static answer_t configure(daemon_t* d, const ipe_command_t* command)

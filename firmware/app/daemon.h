@@ -52,7 +52,6 @@ typedef struct {
     ipe_inbox_t inbox;
     ipe_pipeline_t pipelines[2];
     ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
-    ipe_learnt_t learnt;       ///< on its way from one to the other
     ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;

@@ -12,8 +12,8 @@ int64_t flow_now(const daemon_t* d)
 /// Tell that the payload changed, when it did.
 static void report_change(daemon_t* d, int64_t t_ns)
 {
-    if (d->pipeline->detect.n_changes == d->n_changes_reported) { return; }
-    d->n_changes_reported = d->pipeline->detect.n_changes;
+    if (d->pipeline->estimator.change_detector.n_changes == d->n_changes_reported) { return; }
+    d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
     ipe_publish_event(&d->publisher, t_ns, "detect", "payload changed");
 }
 
@@ -25,7 +25,7 @@ static void take_row(daemon_t* d, const ipe_row_t* row)
     ipe_rest_detector_push(&d->rest, row);
     report_change(d, row->t_ns);
     ipe_publish_row(&d->publisher, row);
-    const bool is_sent = ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimate);
+    const bool is_sent = ipe_publish_estimate(&d->publisher, row->t_ns, &d->pipeline->estimator.estimate);
     if (is_sent && d->arrival_ns != 0) {
         ipe_histogram_push(&d->estimated, ipe_host_clock_now(&d->clock) - d->arrival_ns);
     }

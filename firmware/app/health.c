@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "health.h"
 
+#include "counter_table.h"
 #include "message.h"
 
 #include <inttypes.h>
@@ -91,30 +92,15 @@ const char* health_bus_name(const daemon_t* d, unsigned i)
     return d->n_interfaces > 0 ? d->interface[i].interface : d->replay.bus[i].path;
 }
 
-static uint64_t rejected_rows(const ipe_pipeline_t* p)
-{
-    const ipe_align_t* a = &p->align;
-    uint64_t n = a->n_overrun + a->n_bad_quaternion + p->n_unsettled + p->wrench.n_geometry + p->window.n_backwards;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
-    n += a->n_backwards[IPE_IMU] + a->n_duplicate[IPE_IMU] + a->n_nonfinite[IPE_IMU];
-    return n + p->pace[IPE_IMU].n_dropped + p->stuck.n_stuck[IPE_IMU];
-}
-
-static uint64_t incomplete_samples(const ipe_pipeline_t* p)
-{
-    uint64_t n = 0;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += p->group[s].n_incomplete + p->group[s].n_lost; }
-    return n;
-}
-
 uint64_t health_rejected_rows(const daemon_t* d)
 {
-    return d->carried.n_rejected + rejected_rows(d->pipeline);
+    return d->carried.n_rejected + ipe_pipeline_counter_sum(d->pipeline, IPE_COUNTER_REJECTED);
 }
 
 uint64_t health_dropped(const daemon_t* d)
 {
-    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete + incomplete_samples(d->pipeline);
+    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete +
+                 ipe_pipeline_counter_sum(d->pipeline, IPE_COUNTER_INCOMPLETE);
     for (unsigned i = 0; i < d->option.n_buses; ++i) {
         n += health_bus_counts(d, i)->n_dropped + health_bus_counts(d, i)->n_controller_overruns;
     }
@@ -125,16 +111,16 @@ void health_carry(daemon_t* d, const ipe_pipeline_t* p)
 {
     uint64_t value;
     for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] += value; }
-    d->carried.n_rejected += rejected_rows(p);
-    d->carried.n_incomplete += incomplete_samples(p);
+    d->carried.n_rejected += ipe_pipeline_counter_sum(p, IPE_COUNTER_REJECTED);
+    d->carried.n_incomplete += ipe_pipeline_counter_sum(p, IPE_COUNTER_INCOMPLETE);
 }
 
 void health_carried(daemon_t* d, const ipe_pipeline_t* p)
 {
     uint64_t value;
     for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] -= value; }
-    d->carried.n_rejected -= rejected_rows(p);
-    d->carried.n_incomplete -= incomplete_samples(p);
+    d->carried.n_rejected -= ipe_pipeline_counter_sum(p, IPE_COUNTER_REJECTED);
+    d->carried.n_incomplete -= ipe_pipeline_counter_sum(p, IPE_COUNTER_INCOMPLETE);
 }
 
 static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)

@@ -171,7 +171,7 @@ static void report_status(daemon_t* d)
 {
     char mass[64] = "no estimate yet";
     unsigned n_up = 0;
-    const ipe_estimate_t* e = &d->pipeline->estimate;
+    const ipe_estimate_t* e = &d->pipeline->estimator.estimate;
     for (unsigned i = 0; i < d->n_interfaces; ++i) { n_up += d->interface[i].is_up ? 1 : 0; }
     if (e->n_windows > 0) { (void)snprintf(mass, sizeof mass, "%.3f +- %.3f kg", e->body.mass, e->body.mass_std); }
     ipe_notify_send(&d->notify, "WATCHDOG=1\nSTATUS=%" PRIu64 " frames/s, %s%s, %u of %u interfaces up",

@@ -229,13 +229,13 @@ static int open_checkpoint(daemon_t* d)
         return daemon_refuse("--checkpoint", reason);
     }
     const int status = ipe_checkpoint_load(&d->checkpoint, d->pipeline, reason, sizeof reason);
-    d->n_changes_reported = d->pipeline->detect.n_changes;
+    d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
     if (status < 0) { ipe_message("--checkpoint: %s", reason); }
     if (status > 0) {
         memcpy(d->config.gyro_bias, d->pipeline->config.gyro_bias, sizeof d->config.gyro_bias);
         (void)ipe_config_set_gyro_bias(d->config_bytes, d->n_config_bytes + IPE_CONFIG_CRC_BYTES, d->config.gyro_bias);
         ipe_message("--checkpoint: continuing from %s, %llu windows", d->option.checkpoint,
-                    (unsigned long long)d->pipeline->estimate.n_windows);
+                    (unsigned long long)d->pipeline->estimator.estimate.n_windows);
     }
     return 0;
 }

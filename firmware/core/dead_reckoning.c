@@ -2,7 +2,6 @@
 #include "dead_reckoning.h"
 
 #include "smallmat.h"
-#include "filter_states.h"
 
 #include <string.h>
 

@@ -5,7 +5,10 @@
 #include "smallmat.h"
 #include "wrench.h"
 
+#include <assert.h>
 #include <string.h>
+
+static_assert(IPE_XI_FILTER_MAX == IPE_XI_FORCE + 2 * IPE_CABLES_MAX, "sizes in dims.h");
 
 #define STEP 1e-4  // m and rad of the central differences
 

@@ -22,8 +22,6 @@ enum {
     IPE_XI_ALIGNMENT = 7,        ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
     IPE_XI_POSITION_DELAY = 10,  ///< s
     IPE_XI_FORCE = 11,  ///< offsets m [N], then gains m; after them gyro bias 3 [rad/s, I axes], force delay 1 [s]
-    IPE_XI_FILTER_MAX = IPE_XI_FORCE + 2 * IPE_CABLES_MAX,
-    IPE_XI_MAX = IPE_XI_FILTER_MAX + 4,
 };
 
 /// Number of systematic parameters of a robot with n_cables, and how many of them, the first, the filter carries.

@@ -17,11 +17,6 @@
 #include "types.h"
 #include "noise_density.h"
 
-enum {
-    IPE_WINDOWS_OPEN = 4,
-    IPE_WINDOW_MEASURED = 24,  ///< intervals looked at before the period is believed
-};
-
 /// Averages of one finished window.
 typedef struct {
     int64_t t_ns;                    ///< its middle

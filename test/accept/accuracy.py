@@ -10,19 +10,23 @@ import scenes
 from scenes import COGIRO
 from verdict import FIRST, Verdict, scratch, within
 
-from inertiad import calibrate, fit, runs, sensors, simulate, sources, trajectory
-from inertiad import robot as description
-from inertiad.runs import Recording
-from inertiad.sensors import Dice
-from inertiad.table import Table
+from inertiad.base.table import Table
+from inertiad.base.text_files import read_toml
+from inertiad.identify import calibrate, fit
+from inertiad.model import trajectory
+from inertiad.model.random_errors import Dice
+from inertiad.robot import description
+from inertiad.run import derived_motion, reader
+from inertiad.run.reader import Recording
+from inertiad.simulate import sensor_models, simulator
 
 Z95 = 1.96
 ANY = np.inf
 
 
 def _read(folder: Path) -> tuple[Recording, Any]:
-    recording = runs.read(folder)
-    return recording, runs.config_of(recording.robot, str(folder))
+    recording = reader.read(folder)
+    return recording, reader.config_of(recording.robot, str(folder))
 
 
 def _estimates(n: int, level: str, rate: float, motion: str, method: str) -> tuple[np.ndarray, int]:
@@ -46,16 +50,16 @@ def _medians(n: int, level: str, rate: float, motion: str, method: str) -> np.nd
 def t2() -> Verdict:
     """Straight from the simulated sensors: a CAN log has 16 bits."""
     robot = description.load(COGIRO)
-    level, dice = sensors.PRESETS["ideal"], Dice(FIRST)
-    drawn = sensors.draw(level, robot.n_cables, dice)
-    config = runs.config_of(robot, str(COGIRO))
+    level, dice = sensor_models.PRESETS["ideal"], Dice(FIRST)
+    drawn = sensor_models.draw(level, robot.n_cables, dice)
+    config = reader.config_of(robot, str(COGIRO))
     assert robot.nominal is not None
-    mechanics = simulate.Mechanics(config, robot, robot.nominal, drawn, 0.0)
+    mechanics = simulator.Mechanics(config, robot, robot.nominal)
     motion = trajectory.paper()
     t = np.arange(int(motion.duration * 1000.0)) / 1000.0
-    signals = simulate.measure_signals(robot, mechanics, motion, t, level, 1000.0, dice)
+    signals = simulator.measure_signals(robot, mechanics, motion, t, level, drawn, 1000.0, dice)
     x = Table(signals.t, dict(zip("xyz", motion.at(t).p.T, strict=True)), "")
-    rows = runs.aligned(sources.Completed(robot, signals, x), "ideal")
+    rows = reader.aligned(derived_motion.Completed(robot, signals, x), "ideal")
     found = np.array(fit.wls(config, [Recording(COGIRO, robot, rows, 0, 0, {})]).body.value)
     error = np.abs(found - np.array([robot.nominal.mass, *robot.nominal.cog, *robot.nominal.inertia_cog]))
     rho, J = 1e3 * error[1:4].max(), error[4:].max()
@@ -153,11 +157,11 @@ def t13(n: int = 8) -> Verdict:
         empty = [scenes.run(seed + 500 * k, "modern", 100.0, "fourier", errors_of=seed) for k in range(2)]
         weight = scenes.run(seed + 1000, "modern", 100.0, "fourier", mass=20.0, errors_of=seed)
         full = scenes.run(seed + 1500, "modern", 100.0, "fourier", mass=300.0, errors_of=seed)
-        recordings = runs.read_all([*empty, weight])
+        recordings = reader.read_all([*empty, weight])
         robot = recordings[0].robot
         file = scratch("calibration.toml")
-        calibrate.write(file, calibrate.calibrate(robot, runs.config_of(robot, ""), recordings, {weight: 20.0}))
-        told = description.Calibration.model_validate(description.read_toml(file))
+        calibrate.write(file, calibrate.calibrate(robot, reader.config_of(robot, ""), recordings, {weight: 20.0}))
+        told = description.Calibration.model_validate(read_toml(file))
         own = description.load(full / "robot.toml").model_copy(update={"calibration": told, "nominal": None})
         e, true = scenes.platform(full, own).estimate, scenes.truth(full)
         found.append(scenes.scaled(np.array([e["mass"], *e["cog"], *e["inertia_cog"]]) - true, true))

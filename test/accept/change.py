@@ -10,11 +10,13 @@ from scenes import COGIRO
 from verdict import FIRST, Verdict
 
 import inertiad_core
-from inertiad import dbc, encode, runs, sensors, simulate, trajectory
-from inertiad import robot as description
-from inertiad.robot import Robot
-from inertiad.sensors import Dice
-from inertiad.table import Table
+from inertiad.base.table import Table
+from inertiad.model import trajectory
+from inertiad.model.random_errors import Dice
+from inertiad.robot import dbc, description
+from inertiad.robot.description import Robot
+from inertiad.run import encode, reader
+from inertiad.simulate import sensor_models, simulator
 
 RATE, DURATION, START, RAMP = 100.0, 40.0, 30.0, 0.5  # Hz, s
 LIMITS = ((300.0, 0.5), (10.0, 0.6))  # kg, s
@@ -35,23 +37,23 @@ class PickUp:
 
 def _measured(robot: Robot, mass: float, seed: int) -> tuple[Table, Table]:
     """Signals and tracker while the load comes on."""
-    level, motion = sensors.PRESETS["modern"], trajectory.paper()
+    level, motion = sensor_models.PRESETS["modern"], trajectory.paper()
     t = np.arange(int(DURATION * RATE)) / RATE
     tables = []
     for added in (0.0, mass):
         dice = Dice(seed)
-        drawn = sensors.draw(level, robot.n_cables, dice)
-        true = simulate.with_true_geometry(robot, drawn)
+        drawn = sensor_models.draw(level, robot.n_cables, dice)
+        true = simulator.with_true_geometry(robot, drawn)
         body = scenes.loaded(robot, added) if added else robot.nominal
         assert body is not None
-        mechanics = simulate.Mechanics(runs.config_of(true, ""), true, body, drawn, 0.0)
-        tables.append(simulate.measure_signals(robot, mechanics, motion, t, level, RATE, dice))
+        mechanics = simulator.Mechanics(reader.config_of(true, ""), true, body)
+        tables.append(simulator.measure_signals(robot, mechanics, motion, t, level, drawn, RATE, dice))
     share = np.clip((t - START) / RAMP, 0.0, 1.0)
     empty, full = tables
     columns = {
         k: (1.0 - share) * v + share * full.columns[k] if k.startswith("f_") else v for k, v in empty.columns.items()
     }
-    return Table(empty.t, columns, "pick-up"), simulate.measure_tracker(robot, motion, level, Dice(seed))
+    return Table(empty.t, columns, "pick-up"), simulator.measure_tracker(robot, motion, level, Dice(seed))
 
 
 def pick_up(mass: float, seed: int) -> PickUp:
@@ -62,8 +64,10 @@ def pick_up(mass: float, seed: int) -> PickUp:
     folder = scenes.RUNS / f"pickup_{mass:g}_{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / "can.log"
-    encode.write_can_log(log, signals.t, encode.pack(dbc.bind(robot, str(COGIRO)), signals, signals.t - simulate.START))
-    pipeline = inertiad_core.Pipeline(runs.config_of(robot, ""))
+    encode.write_can_log(
+        log, signals.t, encode.pack(dbc.bind(robot, str(COGIRO)), signals, signals.t - simulator.START)
+    )
+    pipeline = inertiad_core.Pipeline(reader.config_of(robot, ""))
     k, xyz, history = 0, tracker.stack("x", "y", "z"), []
     for line in log.open():
         stamp, _, frame = line.split()[:3]
@@ -76,7 +80,7 @@ def pick_up(mass: float, seed: int) -> PickUp:
         while (status := pipeline.step()) != 1:
             if status == 0:
                 e = pipeline.estimate
-                history.append((t - simulate.START - START, e["mass"], e["mass_std"], e["n_changes"]))
+                history.append((t - simulator.START - START, e["mass"], e["mass_std"], e["n_changes"]))
     h = np.array(history)
     before = h[h[:, 0] < 0.0]
     alarms = h[(h[:, 0] >= 0.0) & (h[:, 3] > before[-1, 3]), 0]

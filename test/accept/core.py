@@ -10,8 +10,7 @@ from scenes import COGIRO, TOP
 from verdict import FIRST, Verdict, program, scratch
 
 import inertiad_core
-from inertiad import compile
-from inertiad import robot as description
+from inertiad.robot import configuration, description
 
 CABLES = 8
 DAY_RATE, REST_RATE, BAD_RATE = 100.0, 20.0, 100.0  # Hz; 20 Hz: the fewest rows that make a window
@@ -79,7 +78,7 @@ def _endure(what: str, n: int, rate: float, blind: bool = False, seed: int = FIR
     robot = description.load(COGIRO)
     imu = robot.imu.model_copy(update={"rate": rate})
     robot = robot.model_copy(update={"imu": imu} | ({"nominal": None} if blind else {}))
-    compile.write(config, robot, str(COGIRO))
+    configuration.write(config, robot, str(COGIRO))
     return program("endure", what, config, rows, rate, n, seed, *scenes.noise_of("modern", rate))
 
 
@@ -144,7 +143,7 @@ def t15_targets() -> Verdict:
     """A run of the modern sensors, replayed by the native core and by one for aarch64 under qemu."""
     folder = scenes.run(FIRST, "modern", 200.0, "fourier")
     config = scratch("replay.cfg")
-    compile.write(config, description.load(folder / "robot.toml"), str(folder))
+    configuration.write(config, description.load(folder / "robot.toml"), str(folder))
     files = [str(config), str(folder / "can.log"), str(folder / "tracker.csv")]
     native, other = (
         np.array([[float(v) for v in line.split()] for line in out.splitlines()])

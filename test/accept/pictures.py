@@ -7,8 +7,8 @@ import numpy as np
 from scenes import COGIRO
 from verdict import scratch
 
-from inertiad import robot as description
-from inertiad.estimate import NAMES
+from inertiad.base.body import NAMES
+from inertiad.robot import description
 
 OURS, THEIRS, TRUTH, ALARM = "tab:blue", "tab:orange", "black", "tab:red"
 TABLE_III = np.array([9.68, 0.113, -0.057, -0.007, 8.03, -36.11, 14.95])

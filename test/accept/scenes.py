@@ -16,23 +16,27 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(TOP / "host/inertiad"), str(TOP / "build/python")]
 
 import inertiad_core  # noqa: E402
-from inertiad import compile, quantity, runs, sensors, simulate, trajectory  # noqa: E402
-from inertiad import robot as description  # noqa: E402
-from inertiad.robot import Nominal, Robot  # noqa: E402
+from inertiad.base import quantity  # noqa: E402
+from inertiad.model import random_errors, trajectory  # noqa: E402
+from inertiad.robot import configuration, description  # noqa: E402
+from inertiad.robot.description import Nominal, Robot  # noqa: E402
+from inertiad.run import reader  # noqa: E402
+from inertiad.simulate import sensor_models, simulator  # noqa: E402
 
 COGIRO = TOP / "firmware/robots/cogiro/robot.toml"
 OUT = TOP / "build/accept"
 
 
 def _state_of_the_simulator() -> str:
-    modules = [TOP / f"host/inertiad/inertiad/{name}.py" for name in ("simulate", "sensors", "trajectory", "encode")]
+    package = TOP / "host/inertiad/inertiad"
+    modules = sorted([*package.glob("simulate/*.py"), *package.glob("model/*.py"), package / "run/encode.py"])
     robots = sorted(path for path in COGIRO.parent.iterdir() if path.suffix in (".toml", ".dbc"))
     return f"{zlib.crc32(b''.join(path.read_bytes() for path in [Path(__file__), *modules, *robots])):08x}"
 
 
 RUNS = OUT / "runs" / _state_of_the_simulator()
 
-BEST = sensors.PRESETS["modern"].model_copy(
+BEST = sensor_models.PRESETS["modern"].model_copy(
     update={
         "force_offset": 0.3,
         "force_gain": 0.001,
@@ -42,7 +46,7 @@ BEST = sensors.PRESETS["modern"].model_copy(
     }
 )
 """tared forces, gains known to 0.1 %, attitude to 0.1 deg, attachments measured to 0.3 mm"""
-LEVELS = {**sensors.PRESETS, "best": BEST}
+LEVELS = {**sensor_models.PRESETS, "best": BEST}
 
 
 def fourier(seed: int, duration: float = 21.0) -> trajectory.Spline:
@@ -74,7 +78,7 @@ def loaded(robot: Robot, mass: float) -> Nominal:
     box = Nominal(
         mass=mass, cog=[0.05, -0.03, -0.2], inertia_cog=[mass * v / 12.0 for v in (0.61, 0.89, 1.0)] + [0.0] * 3
     )
-    return body_of(compile.theta_of(robot.nominal) + compile.theta_of(box))
+    return body_of(configuration.theta_of(robot.nominal) + configuration.theta_of(box))
 
 
 def run(seed: int, level: str, rate: float, motion: str, mass: float = 0.0, errors_of: int | None = None) -> Path:
@@ -84,7 +88,7 @@ def run(seed: int, level: str, rate: float, motion: str, mass: float = 0.0, erro
         return folder
     robot = description.load(COGIRO)
     assert robot.nominal is not None
-    what = simulate.Run(
+    what = simulator.Run(
         robot_file=COGIRO,
         robot=robot,
         body=loaded(robot, mass) if mass else robot.nominal,
@@ -96,7 +100,7 @@ def run(seed: int, level: str, rate: float, motion: str, mass: float = 0.0, erro
         seed=errors_of or seed,
     )
     unfinished = folder.with_name(f"{folder.name}.{os.getpid()}")
-    simulate.simulate(what, unfinished, lambda _: None)
+    simulator.simulate(what, unfinished, lambda _: None)
     try:
         unfinished.rename(folder)
     except OSError:  # another process was quicker
@@ -109,22 +113,22 @@ def quiet_rows(level: str, rate: float, seed: int, motions: list[trajectory.Spli
 
     With the systematic errors drawn by seed and a true geometry of its own, without noise, wander, swing and delays.
     """
-    robot, dice = description.load(COGIRO), sensors.Dice(seed)
-    still = {k: 0.0 for k in sensors.Faults.model_fields if "noise" in k}
+    robot, dice = description.load(COGIRO), random_errors.Dice(seed)
+    still = {k: 0.0 for k in sensor_models.Faults.model_fields if "noise" in k}
     quiet = LEVELS[level].model_copy(
         update=still | {"attitude_wander_deg": 0.0, "cable_swing": 0.0, "tracker_delay": 0.0, "force_delay_max": 0.0}
     )
-    drawn = sensors.draw(quiet, robot.n_cables, dice)
-    true = simulate.with_true_geometry(robot, drawn)
+    drawn = sensor_models.draw(quiet, robot.n_cables, dice)
+    true = simulator.with_true_geometry(robot, drawn)
     assert robot.nominal is not None
-    mechanics = simulate.Mechanics(runs.config_of(true, ""), true, robot.nominal, drawn, 0.0)
+    mechanics = simulator.Mechanics(reader.config_of(true, ""), true, robot.nominal)
     parts = []
     for motion in motions:
         t = np.arange(int(motion.duration * rate)) / rate
-        signals = simulate.measure_signals(robot, mechanics, motion, t, quiet, rate, dice)
+        signals = simulator.measure_signals(robot, mechanics, motion, t, quiet, drawn, rate, dice)
         imu = signals.stack(*quantity.ACC, *quantity.GYRO, *quantity.QUATERNION)
         f = signals.stack(*quantity.forces(robot.n_cables))
-        parts.append(np.hstack([imu, simulate.tracker_target(robot, motion.at(t)), f]))
+        parts.append(np.hstack([imu, simulator.tracker_target(robot, motion.at(t)), f]))
     return np.concatenate(parts)
 
 
@@ -139,7 +143,7 @@ def noise_of(level: str, rate: float) -> list[float]:
 def platform(folder: Path, robot: Robot | None = None) -> Any:
     """The daemon's pipeline after the run: its .estimate, .counters."""
     robot = robot or description.load(folder / "robot.toml")
-    config = runs.config_of(robot, str(folder))
+    config = reader.config_of(robot, str(folder))
     return inertiad_core.read_run(config, [str(folder / "can.log")], [""], str(folder / "tracker.csv"))
 
 

@@ -10,9 +10,14 @@ from multiprocessing import Pool
 import numpy as np
 from scenes import COGIRO, LEVELS, OUT
 
-from inertiad import bus, dbc, encode, quantity, simulate, sync, trajectory
-from inertiad import robot as description
-from inertiad.robot import Robot
+from inertiad.base import quantity
+from inertiad.identify import sync
+from inertiad.model import trajectory
+from inertiad.model.random_errors import Dice
+from inertiad.robot import dbc, description
+from inertiad.robot.description import Robot
+from inertiad.run import encode
+from inertiad.simulate import bus_timing, sensor_models, simulator
 
 FIRST = 5000
 CASES = {
@@ -29,10 +34,10 @@ def waits(robot: Robot) -> float:
     """s that the first frame of the forces waits for those of the IMU, which the bus lets pass first."""
     messages = {b.can_id: b.message for b in dbc.bind(robot, "") if quantity.sensor(b.quantity) == "imu"}
     force = {b.can_id for b in dbc.bind(robot, "") if b.quantity in quantity.forces(robot.n_cables)}
-    first = min(map(bus.priority, force))
-    ahead = [(i, m) for i, m in messages.items() if bus.priority(i) < first]
+    first = min(map(bus_timing.priority, force))
+    ahead = [(i, m) for i, m in messages.items() if bus_timing.priority(i) < first]
     frames = [encode.Frames(0, i, m.is_fd or m.length > 8, np.zeros((1, m.length), np.uint8)) for i, m in ahead]
-    return sum(bus.frame_time(f, robot.bus[0].bitrate, robot.bus[0].data_bitrate) for f in frames)
+    return sum(bus_timing.frame_time(f, robot.bus[0].bitrate, robot.bus[0].data_bitrate) for f in frames)
 
 
 def errors(case: str, seed: int) -> np.ndarray:
@@ -41,9 +46,9 @@ def errors(case: str, seed: int) -> np.ndarray:
     level = LEVELS[name].model_copy(update={"tracker_delay": largest * np.random.default_rng(seed).random()})
     source = COGIRO.parent / file
     robot, folder = description.load(source), OUT / f"runs/sync_{source.stem}_{name}_{seed}"
-    run = simulate.Run(source, robot, robot.nominal, trajectory.paper(), "paper", level, name, rate, seed)
-    simulate.simulate(run, folder, lambda _: None)
-    true_force = simulate.sensors.draw(level, robot.n_cables, simulate.Dice(seed)).force_delay + waits(robot)
+    run = simulator.Run(source, robot, robot.nominal, trajectory.paper(), "paper", level, name, rate, seed)
+    simulator.simulate(run, folder, lambda _: None)
+    true_force = sensor_models.draw(level, robot.n_cables, Dice(seed)).force_delay + waits(robot)
     position, (force, std) = sync.delays(description.load(folder / "robot.toml"), folder)
     return np.array([position.value - level.tracker_delay, position.std, force - true_force, std])
 

@@ -11,12 +11,16 @@ from pathlib import Path
 import numpy as np
 
 import inertiad_core
-from inertiad import dynamics, estimate, information, runs, sensors, simulate, trajectory
-from inertiad import robot as description
-from inertiad.excite import asked, problem
-from inertiad.excite import plan as planning
+from inertiad.base import body as estimate
+from inertiad.excite import planner, problem
+from inertiad.excite import request as asked
 from inertiad.excite import search as searching
-from inertiad.trajectory import Trajectory
+from inertiad.identify import fisher_information
+from inertiad.model import forward_dynamics, trajectory
+from inertiad.model.trajectory import Trajectory
+from inertiad.robot import description
+from inertiad.run import reader
+from inertiad.simulate import sensor_models, simulator
 
 ROBOT = Path("firmware/robots/cogiro/robot.toml")
 N_SERIES = 400
@@ -26,11 +30,11 @@ RATE = 500.0
 """Hz of the runs: a window averages noise as at 1 kHz, in half the time"""
 
 
-def sigma_of(request: planning.Request, path: Trajectory) -> np.ndarray:
+def sigma_of(request: planner.Request, path: Trajectory) -> np.ndarray:
     """Reported sigma [10] of a path."""
-    motion = path.at(information.sample_times(path))
+    motion = path.at(fisher_information.sample_times(path))
     f = request.checker.tensions(motion)
-    covariance = request.checker.model.rehearse(motion, f, information.REHEARSAL_RATE)
+    covariance = request.checker.model.rehearse(motion, f, fisher_information.REHEARSAL_RATE)
     return np.sqrt(np.diag(covariance))
 
 
@@ -48,15 +52,15 @@ def spread(ratio: np.ndarray) -> str:
 def reported(path: Trajectory, seed: int, folder: Path) -> np.ndarray:
     """(value, sigma) [2, 10] that the daemon's stages report of a run on elastic cables, modern sensors."""
     robot = description.load(ROBOT)
-    plant, modern = dynamics.plant("elastic", robot), sensors.PRESETS["modern"]
-    run = simulate.Run(ROBOT, robot, robot.nominal, path, "plan", modern, "modern", RATE, seed, plant)
-    simulate.simulate(run, folder, lambda step: None)
-    config = runs.config_of(description.load(folder / "robot.toml"), str(folder))
+    plant, modern = forward_dynamics.plant("elastic", robot), sensor_models.PRESETS["modern"]
+    run = simulator.Run(ROBOT, robot, robot.nominal, path, "plan", modern, "modern", RATE, seed, plant)
+    simulator.simulate(run, folder, lambda step: None)
+    config = reader.config_of(description.load(folder / "robot.toml"), str(folder))
     found = inertiad_core.read_run(config, [str(folder / "can.log")], [""], str(folder / "tracker.csv")).estimate
     return np.array([[found[f"mass{s}"], *found[f"cog{s}"], *found[f"inertia_cog{s}"]] for s in ("", "_std")])
 
 
-def obtained(plan: planning.Plan) -> tuple[np.ndarray, np.ndarray]:
+def obtained(plan: planner.Plan) -> tuple[np.ndarray, np.ndarray]:
     """Reported sigma [10], median over SEEDS, and root mean square of the errors [10]."""
     body = description.load(ROBOT).nominal
     with tempfile.TemporaryDirectory() as folder:

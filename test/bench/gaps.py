@@ -11,10 +11,14 @@ from typing import Any
 import numpy as np
 
 import inertiad_core
-from inertiad import estimate, runs, sensors, simulate, table, tracker_csv, trajectory
-from inertiad import robot as description
-from inertiad.robot import Robot
-from inertiad.table import Array
+from inertiad.base import body as estimate
+from inertiad.base import table
+from inertiad.base.table import Array
+from inertiad.model import trajectory
+from inertiad.robot import description
+from inertiad.robot.description import Robot
+from inertiad.run import reader, tracker_csv
+from inertiad.simulate import sensor_models, simulator
 
 ROBOT = Path("firmware/robots/cogiro/robot.toml")
 OUT = Path("build/bench/gaps")
@@ -30,9 +34,9 @@ GAPS = ((0.5, 0.0), (0.5, 0.5), (2.0, 0.0), (2.0, 0.5), (2.0, 1.0), (2.0, 2.0))
 def simulated(sensor_set: str, rate: float, seed: int) -> Path:
     """A run folder."""
     robot, folder = description.load(ROBOT), OUT / f"{sensor_set}_{seed}"
-    level = sensors.PRESETS[sensor_set]
-    run = simulate.Run(ROBOT, robot, robot.nominal, trajectory.paper(), "paper", level, sensor_set, rate, seed)
-    simulate.simulate(run, folder, lambda _: None)
+    level = sensor_models.PRESETS[sensor_set]
+    run = simulator.Run(ROBOT, robot, robot.nominal, trajectory.paper(), "paper", level, sensor_set, rate, seed)
+    simulator.simulate(run, folder, lambda _: None)
     return folder
 
 
@@ -49,7 +53,7 @@ def cut(run: Path, gap: float) -> Path:
 
 def played(run: Path, robot: Robot, tracker: Path, max_carry: float) -> Any:
     align = robot.align.model_copy(update={"max_carry": max_carry})
-    return runs.play(run, robot.model_copy(update={"align": align}), str(run), tracker)
+    return reader.play(run, robot.model_copy(update={"align": align}), str(run), tracker)
 
 
 def astray(run: Path, whole: Any, carried: Any) -> Array:

@@ -15,8 +15,9 @@ import numpy as np  # noqa: E402
 import scenes  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
-from inertiad import calibrate, fit, runs  # noqa: E402
-from inertiad import robot as description  # noqa: E402
+from inertiad.identify import calibrate, fit  # noqa: E402
+from inertiad.robot import description  # noqa: E402
+from inertiad.run import reader  # noqa: E402
 
 OUT = TOP / "build/bench/offline"
 INERTIACTL = TOP / "build/bin/inertiactl"
@@ -62,10 +63,10 @@ def simulate():
 def main():
     folders, loaded = simulate()
     mixed = [*folders[1:], loaded]
-    recordings = {folder: runs.read(folder) for folder in (*folders, loaded)}
+    recordings = {folder: reader.read(folder) for folder in (*folders, loaded)}
     empty, known = [recordings[f] for f in folders], [recordings[f] for f in mixed]
     robot = empty[0].robot
-    config = runs.config_of(robot, "")
+    config = reader.config_of(robot, "")
     weight = ["--payload", f"{loaded}={PAYLOAD}"]
     table = [
         ("calibrate, runs read already", lambda: calibrate.calibrate(robot, config, known, {loaded: PAYLOAD})),

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from inertiad import robot as description
-from inertiad.robot import Robot
+from inertiad.robot import description
+from inertiad.robot.description import Robot
 
 TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"

@@ -18,12 +18,14 @@ from cantools.database.can import Message
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from inertiad import quantity, sensors, simulate, trajectory
-from inertiad import robot as description
-from inertiad.dbc import Binding
-from inertiad.encode import Frames
-from inertiad.table import Array, Table
-from inertiad.trajectory import Trajectory
+from inertiad.base import quantity
+from inertiad.base.table import Array, Table
+from inertiad.model import trajectory
+from inertiad.model.trajectory import Trajectory
+from inertiad.robot import description
+from inertiad.robot.dbc import Binding
+from inertiad.run.encode import Frames
+from inertiad.simulate import sensor_models, simulator
 
 TOP = Path(__file__).resolve().parents[2]
 DEVICES = TOP / "firmware/robots/devices"
@@ -145,14 +147,14 @@ def record_turning(name: str, folder: Path, rate: float, duration: float) -> Non
 
 
 def _simulate(name: str, file: Path, path: Trajectory, motion: str, folder: Path, rate: float, seed: int) -> None:
-    robot, level = description.load(file), sensors.faults("modern")
-    body = simulate.body_of(robot, file, None, None)
-    run = simulate.Run(file, robot, body, path, motion, level, "modern", rate, seed)
+    robot, level = description.load(file), sensor_models.faults("modern")
+    body = simulator.body_of(robot, file, None, None)
+    run = simulator.Run(file, robot, body, path, motion, level, "modern", rate, seed)
 
     def pack(_bindings: list[Binding], signals: Table, t_device: Array) -> list[Frames]:
         return list(_frames(name, signals, t_device))
 
-    simulate.simulate(run, folder, lambda step: None, pack)
+    simulator.simulate(run, folder, lambda step: None, pack)
 
 
 def recordings(folder: Path) -> Iterator[tuple[str, str]]:

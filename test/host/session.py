@@ -13,7 +13,8 @@ import sys
 import threading
 import time
 
-from inertiad import command, network
+from inertiad.base import channels
+from inertiad.live import command, lcm_network
 from inertiad_lcm import event_t, health_t
 
 PATIENCE = 20.0
@@ -27,7 +28,7 @@ class Listener(threading.Thread):
         self.events: list[event_t] = []
         self.health: health_t | None = None
         self.is_over = False
-        self.bus = network.connect(network.DEFAULT_URL)
+        self.bus = lcm_network.connect(channels.DEFAULT_URL)
         self.bus.subscribe("INERTIAD_EVENT", lambda _, data: self.events.append(event_t.decode(data)))
         self.bus.subscribe("INERTIAD_HEALTH", self.on_health)
 
@@ -49,7 +50,7 @@ def take(step: str) -> None:
         time.sleep(float(step))
         return
     name, _, argument = step.partition("=")
-    answer = command.send(command.make(name, argument or None), network.DEFAULT_URL, network.DEFAULT_PREFIX, PATIENCE)
+    answer = command.send(command.make(name, argument or None), channels.DEFAULT_URL, channels.DEFAULT_PREFIX, PATIENCE)
     say(answer=answer and answer.text, done=answer and answer.is_done)
 
 

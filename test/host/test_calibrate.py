@@ -9,11 +9,12 @@ import pytest
 from conftest import AFTER_IMU
 
 import inertiad_core
-from inertiad import calibrate, fit, runs
-from inertiad import robot as description
-from inertiad.error import InputError
-from inertiad.estimate import read_json
-from inertiad.runs import Recording
+from inertiad.base.error import InputError
+from inertiad.base.text_files import read_json
+from inertiad.identify import calibrate, fit
+from inertiad.robot import description
+from inertiad.run import reader
+from inertiad.run.reader import Recording
 
 TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
@@ -23,12 +24,14 @@ import scenes  # noqa: E402
 @pytest.fixture(scope="module")
 def recordings() -> list[Recording]:
     motions = [(1000, 0.0), (1500, 0.0), (2000, 20.0)]
-    return runs.read_all([scenes.run(seed, "modern", 100.0, "fourier", mass, errors_of=1000) for seed, mass in motions])
+    return reader.read_all(
+        [scenes.run(seed, "modern", 100.0, "fourier", mass, errors_of=1000) for seed, mass in motions]
+    )
 
 
 def _calibrated(recordings: list[Recording], payloads: dict[Path, float]) -> calibrate.Calibration:
     robot = recordings[0].robot
-    return calibrate.calibrate(robot, runs.config_of(robot, ""), recordings, payloads)
+    return calibrate.calibrate(robot, reader.config_of(robot, ""), recordings, payloads)
 
 
 def _truth(recording: Recording) -> np.ndarray:
@@ -82,8 +85,8 @@ def test_the_file_takes_what_was_found_into_the_configuration(tmp_path: Path, re
     text = f'base = "{scenes.COGIRO}"\n[calibration]\nfile = "calibration.toml"\n'
     (tmp_path / "robot.toml").write_text(text)
     robot = description.load(tmp_path / "robot.toml")
-    told = runs.config_of(robot, "")
-    other = inertiad_core.calibrated(runs.config_of(recordings[0].robot, ""), found.xi)
+    told = reader.config_of(robot, "")
+    other = inertiad_core.calibrated(reader.config_of(recordings[0].robot, ""), found.xi)
     rows = inertiad_core.undelayed(recordings[0].rows, found.xi[10], found.xi[30])
     a, b = inertiad_core.Windows(told, rows), inertiad_core.Windows(other, rows)
     np.testing.assert_allclose(a.y, b.y, atol=1e-6)

@@ -8,8 +8,8 @@ import lcm
 import numpy as np
 import pytest
 
-from inertiad import canlog, lcmlog
-from inertiad.error import InputError
+from inertiad.base.error import InputError
+from inertiad.run import canlog, lcmlog
 from inertiad_lcm import can_frame_t, raw_t
 
 LINES = """\

@@ -10,8 +10,9 @@ from conftest import COGIRO, TOP, minimal_toml
 from rich.console import Console
 
 import inertiad_core
-from inertiad import estimate, watch
-from inertiad.error import InputError
+from inertiad.base import body
+from inertiad.base.error import InputError
+from inertiad.live import watch
 from inertiad_lcm import bus_t, counter_t, estimate_t, event_t, health_t, latency_t
 
 COMMANDS = ["compile", "simulate", "encode", "excite", "watch", "command"]
@@ -90,7 +91,7 @@ def test_encode_then_compile_the_run(inertiactl, tmp_path):
 
 
 def test_python_file_has_a_licence_line():
-    for path in [*(TOP / "host/inertiad/inertiad").glob("*.py"), *(TOP / "test/host").glob("*.py")]:
+    for path in [*(TOP / "host/inertiad/inertiad").rglob("*.py"), *(TOP / "test/host").glob("*.py")]:
         assert path.read_text().startswith("# SPDX-License-Identifier: Apache-2.0\n"), path
 
 
@@ -186,8 +187,8 @@ TRUTH = {"mass": 9.0, "cog": [1, 2, 2], "inertia_cog": [1, 2, 3, 4, 5, 7], "seed
 def test_estimate_minus_truth(tmp_path):
     (tmp_path / "estimate.json").write_text(json.dumps(ESTIMATE))
     (tmp_path / "truth.json").write_text(json.dumps(TRUTH))
-    found, truth = estimate.read(tmp_path / "estimate.json"), estimate.read_truth(tmp_path / "truth.json")
-    assert estimate.errors(found, truth) == (1.0, 0, 0, 1.0, 0, 0, 0, 0, 0, -1.0)
+    found, truth = body.read(tmp_path / "estimate.json"), body.read_truth(tmp_path / "truth.json")
+    assert body.errors(found, truth) == (1.0, 0, 0, 1.0, 0, 0, 0, 0, 0, -1.0)
     assert found.std[:3] == (0.1, 0.1, 0.2)
 
 
@@ -204,4 +205,4 @@ def test_estimate_minus_truth(tmp_path):
 def test_unusable_estimate_is_one_line(tmp_path, data):
     (tmp_path / "estimate.json").write_text(data)
     with pytest.raises(InputError, match=r"^[^\n]+estimate.json: [^\n]+$"):
-        estimate.read(tmp_path / "estimate.json")
+        body.read(tmp_path / "estimate.json")

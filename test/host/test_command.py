@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, ISOLATED, TOP
 
-from inertiad import compile as compiler
-from inertiad import lcmlog
-from inertiad import robot as description
+from inertiad.robot import configuration, description
+from inertiad.run import lcmlog
 from inertiad_lcm import command_t, estimate_t, event_t, robot_config_t
 
 DAEMON = TOP / "build/bin/inertiad"
@@ -20,7 +19,7 @@ SETTINGS = "[estimator]\nestimate_rate = 20\nmemory = 600\n"
 
 
 def compiled(toml: Path) -> None:
-    compiler.write(toml.with_suffix(".cfg"), description.load(toml), str(toml))
+    configuration.write(toml.with_suffix(".cfg"), description.load(toml), str(toml))
 
 
 def simulated(folder: Path, *more: str) -> Path:

@@ -14,9 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import inertiad_core
-from inertiad import canlog, compile, dbc, quantity
-from inertiad import robot as description
-from inertiad.dbc import Binding
+from inertiad.base import quantity
+from inertiad.robot import configuration, dbc, description
+from inertiad.robot.dbc import Binding
+from inertiad.run import canlog
 
 DATABASES = {
     (name, bus): cantools.database.load_file(devices.DEVICES / f"{file}.dbc")
@@ -26,7 +27,7 @@ DATABASES = {
 MESSAGES = [(*place, message) for place, database in DATABASES.items() for message in database.messages]
 ROBOTS = {name: description.load(devices.DEVICES / f"{name}.toml") for name in devices.BUSES}
 BINDINGS = {name: dbc.bind(robot, name) for name, robot in ROBOTS.items()}
-CONFIGS = {name: inertiad_core.Config(compile.compile_robot(robot, name)) for name, robot in ROBOTS.items()}
+CONFIGS = {name: inertiad_core.Config(configuration.compile_robot(robot, name)) for name, robot in ROBOTS.items()}
 
 DOCUMENTED = {  # identifier -> what the device's document says of its bytes, and the value of one count
     ("xsens_gsv4", 0x005): (">I", 1e-6),
@@ -130,7 +131,7 @@ def test_daemon_reads_the_devices_on_two_buses_and_finds_the_truth(name: str, se
     devices.record(name, tmp_path, seed=seed)
     config, estimate = tmp_path / "robot.cfg", tmp_path / "estimate.json"
     robot = description.load(tmp_path / "robot.toml").model_copy(update={"nominal": None})  # the daemon is not told
-    compile.write(config, robot, "robot.toml")
+    configuration.write(config, robot, "robot.toml")
     # when: the daemon reads both
     command = [TOP / "build/bin/inertiad", "--config", config, "--lcm", "none", "--estimate", estimate]
     for bus in range(2):
@@ -167,7 +168,7 @@ def test_wrong_tick_of_the_device_clock_is_counted(tmp_path: Path):
     assert right in text
     for tick, is_right in ((1e-6, True), (1e-4, False)):
         file.write_text(text.replace(right, f'imu_time = {{ signal = "MTI_SAMPLE_TIME.time", scale = {tick} }}'))
-        config = inertiad_core.Config(compile.compile_robot(description.load(file), "robot.toml"))
+        config = inertiad_core.Config(configuration.compile_robot(description.load(file), "robot.toml"))
         log = str(tmp_path / "can.log")
         run = inertiad_core.read_run(config, [log, log], ["can0", "can1"], str(tmp_path / "tracker.csv"))
         assert (run.counters["clock.imu.steps"] == 0) == is_right

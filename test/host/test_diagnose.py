@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import inertiad_core
-from inertiad import diagnose, runs
-from inertiad.runs import Recording
+from inertiad.identify import diagnose
+from inertiad.run import reader
+from inertiad.run.reader import Recording
 
 TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
@@ -20,7 +21,7 @@ import scenes  # noqa: E402
 @pytest.fixture(scope="module", params=[("modern", 100.0), ("paper", 25.0)], ids=["modern", "paper"])
 def good(request: pytest.FixtureRequest) -> Recording:
     level, rate = request.param
-    return runs.read(scenes.run(1000, level, rate, "fourier"))
+    return reader.read(scenes.run(1000, level, rate, "fourier"))
 
 
 def _with(run: Recording, **changed: np.ndarray) -> Recording:

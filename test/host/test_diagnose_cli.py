@@ -10,8 +10,9 @@ import pytest
 from test_fit import _static_poses
 from typer.testing import CliRunner
 
-from inertiad import diagnose, runs
-from inertiad.cli import app
+from inertiad.cli.main import app
+from inertiad.identify import diagnose
+from inertiad.run import reader
 
 TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
@@ -51,7 +52,7 @@ def test_a_mistake_is_named(name: str, tmp_path: Path) -> None:
 def test_a_wrong_pulley_radius_is_found_to_a_few_millimetres(tmp_path: Path) -> None:
     for name in ("pulley forgotten", "pulley's diameter"):
         folder = mistakes.make(name, scenes.run(1001, "modern", 100.0, "fourier"), tmp_path / name)
-        run = runs.read(folder)
+        run = reader.read(folder)
         finding = diagnose.diagnose(run.robot, [run])[0]
         radius = float(finding.split("pulley_radius = ")[1].split()[0])
         assert radius == pytest.approx(0.05, abs=0.01)
@@ -63,7 +64,7 @@ def test_a_wrong_pulley_radius_is_found_to_a_few_millimetres(tmp_path: Path) -> 
 )
 def test_good_runs_have_no_finding(level: str, rate: float, motion: str) -> None:
     for seed in range(1000, 1003):
-        run = runs.read(scenes.run(seed, level, rate, motion))
+        run = reader.read(scenes.run(seed, level, rate, motion))
         assert diagnose.diagnose(run.robot, [run]) == [], seed
 
 
@@ -90,7 +91,7 @@ def test_a_finding_is_said_although_there_is_no_fit(tmp_path: Path) -> None:
 
 
 def test_poses_at_rest_are_said_to_hold_no_inertia(tmp_path: Path) -> None:
-    file = _static_poses(tmp_path / "poses.csv", runs.read(scenes.run(1000, "ideal", 100.0, "fourier")))
+    file = _static_poses(tmp_path / "poses.csv", reader.read(scenes.run(1000, "ideal", 100.0, "fourier")))
     code, said = _fit(file, "--robot", scenes.COGIRO)
     assert code == 0
     assert "20 poses at rest: no inertia in them" in said

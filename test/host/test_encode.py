@@ -13,12 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import inertiad_core
-from inertiad import compile as compiler
-from inertiad import dbc, encode, quantity
-from inertiad import robot as description
-from inertiad.error import InputError
-from inertiad.robot import Robot, validate
-from inertiad.table import Table
+from inertiad.base import quantity, units
+from inertiad.base.error import InputError
+from inertiad.base.table import Table
+from inertiad.robot import configuration, dbc, description
+from inertiad.robot.description import Robot
+from inertiad.robot.messages import validate
+from inertiad.run import encode
 
 N = 5
 UNITS = {"acceleration": ["m/s2", "g", "mg", ""], "rate": ["rad/s", "deg/s", "dps"], "force": ["N", "kN"], "none": [""]}
@@ -104,7 +105,7 @@ def test_random_database_decodes_to_what_was_encoded(tmp_path_factory, layout):
     frames = encode.pack(bindings, Table(t, si, "random"), t)
 
     database = cantools.database.load_file(path)
-    config = inertiad_core.Config(compiler.compile_robot(robot, "random"))
+    config = inertiad_core.Config(configuration.compile_robot(robot, "random"))
     seen = set()
     for f in frames:
         message = database.get_message_by_frame_id(f.can_id & 0x1FFFFFFF, f.can_id >> 31 == 1)
@@ -160,7 +161,7 @@ def test_encode_run_folder_reads_back(tmp_path, robot_file):
     assert imu[1]["acc_z"] == pytest.approx(9.81, rel=1e-7)
     again = description.load(run / "robot.toml")
     assert again.bus[0].files == [run / "generated.dbc"]
-    assert inertiad_core.Config(compiler.compile_robot(again, "again")).n_cables == 8
+    assert inertiad_core.Config(configuration.compile_robot(again, "again")).n_cables == 8
     assert (run / "tracker.csv").read_text().splitlines()[1] == "0.000000,0.100000000,0.200000000,1.500000000"
 
 
@@ -260,10 +261,10 @@ def test_counter_and_time_wrap_at_their_lengths(cogiro):
     ],
 )
 def test_units_become_si(unit, dimension, factor):
-    assert dbc.unit_factor(unit, dimension) == pytest.approx(factor)
+    assert units.unit_factor(unit, dimension) == pytest.approx(factor)
 
 
 @pytest.mark.parametrize(("unit", "dimension"), [("kN", "acceleration"), ("m", "force"), ("furlong", "length")])
 def test_unit_of_another_dimension_is_refused(unit, dimension):
     with pytest.raises(KeyError):
-        dbc.unit_factor(unit, dimension)
+        units.unit_factor(unit, dimension)

@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, ISOLATED, TOP
 
-from inertiad import compile as compiler
-from inertiad import lcmlog
-from inertiad import robot as description
+from inertiad.robot import configuration, description
+from inertiad.run import lcmlog
 from inertiad_lcm import event_t, health_t, host_t
 
 DAEMON = TOP / "build/bin/inertiad"
@@ -27,7 +26,7 @@ def run(tmp_path_factory) -> Path:
     command = [TOP / "build/bin/inertiactl", "simulate", COGIRO / "robot.toml", "-o", folder, "--trajectory", "hold"]
     more = ["--duration", "6", "--rate", "100", "--seed", "5"]
     subprocess.run([*map(str, command), *more], check=True, capture_output=True)
-    compiler.write(folder / "robot.cfg", description.load(folder / "robot.toml"), "robot.toml")
+    configuration.write(folder / "robot.cfg", description.load(folder / "robot.toml"), "robot.toml")
     return folder
 
 

@@ -10,14 +10,18 @@ from conftest import COGIRO, CORNERS, MINIMAL, TOP, minimal_toml
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
-from inertiad import dynamics, estimate, information, runs, sensors, simulate, trajectory
-from inertiad import robot as description
-from inertiad.error import InputError
-from inertiad.excite import asked, plan_file, problem
-from inertiad.excite import plan as planning
+from inertiad.base import body
+from inertiad.base.error import InputError
+from inertiad.excite import plan_file, planner, problem
+from inertiad.excite import request as asked
 from inertiad.excite import search as searching
-from inertiad.information import Model
-from inertiad.limits import Checker
+from inertiad.excite.constraints import Checker
+from inertiad.identify import fisher_information
+from inertiad.identify.fisher_information import Model
+from inertiad.model import forward_dynamics, trajectory
+from inertiad.robot import description
+from inertiad.run import reader
+from inertiad.simulate import sensor_models, simulator
 
 ROBOT = COGIRO / "robot.toml"
 
@@ -28,13 +32,13 @@ def request_():
     model = Model(robot, str(ROBOT), robot.nominal)
     limits = asked.limits_from(model, None, 30.0, 35.0, 4.0, 2.0)
     start = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
-    return planning.Request(Checker(model, limits), start, n_starts=2)
+    return planner.Request(Checker(model, limits), start, n_starts=2)
 
 
 @pytest.fixture(scope="module")
 def best(request_):
     """The best motion of 12 s."""
-    return planning.optimal(request_, 12.0, lambda step: None)
+    return planner.optimal(request_, 12.0, lambda step: None)
 
 
 def problem_of(request_, duration=11.0, criterion="A"):
@@ -54,7 +58,7 @@ def daemon_sigma(run):
     files = ["--bus", f"file:{run}/can.log?speed=0", "--tracker", f"file:{run}/tracker.csv"]
     command = [build / "inertiad", "--config", run / "robot.cfg", *files, "--estimate", run / "estimate.json"]
     subprocess.run(command, check=True, capture_output=True)
-    return np.array(estimate.read(run / "estimate.json").std)
+    return np.array(body.read(run / "estimate.json").std)
 
 
 @pytest.mark.parametrize("criterion", ["A", "D"])
@@ -71,11 +75,11 @@ def test_gradient_is_that_of_the_lagrangian(request_, criterion):
 
 def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, best):
     checker, path = request_.checker, trajectory.paper()
-    t = information.sample_times(path)
+    t = fisher_information.sample_times(path)
     motion = path.at(t)
     f = checker.tensions(motion)
     whole = checker.model.sigma(checker.model.information(checker.model.windows(motion, f, 100.0)))
-    t = information.sample_times(best.path)
+    t = fisher_information.sample_times(best.path)
     motion = best.path.at(t)
     f = checker.tensions(motion)
     ours = checker.model.sigma(checker.model.information(checker.model.windows(motion, f, 100.0)))
@@ -119,7 +123,7 @@ def test_motion_that_breaks_a_tension_when_driven_is_refused(request_):
     tight = robot.model_copy(update={"cable": [c.model_copy(update={"tension_max": 1330.0}) for c in robot.cable]})
     model = Model(tight, str(ROBOT), robot.nominal)
     with pytest.raises(InputError, match=r"paper: driven by a controller on elastic cables: cable \d = \d+ N at t = "):
-        planning.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
+        planner.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
 
 
 def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best, tmp_path):
@@ -153,7 +157,7 @@ def test_same_seed_same_motion(request_):
 
 
 def test_poses_at_rest_tell_mass_and_cog(request_):
-    plan = planning.static_poses(request_, 5, 2.0, lambda step: None)
+    plan = planner.static_poses(request_, 5, 2.0, lambda step: None)
     prior = request_.checker.model.prior_sigma()
     assert np.all(plan.sigma[:4] < 0.05 * prior[:4])
     assert plan.tension[0] >= 100.0
@@ -168,7 +172,7 @@ def test_paper_there_and_back(tmp_path):
 
 def test_unreachable_sigma_names_what_limits_it(request_, best):
     wanted = asked.wanted_sigma("mass=0.01%", request_.checker.model)
-    assert "[std] force_gain = 0.005" in planning._out_of_reach(request_.checker.model, best, wanted)
+    assert "[std] force_gain = 0.005" in planner._out_of_reach(request_.checker.model, best, wanted)
 
 
 def test_wanted_sigma_in_units(request_):
@@ -244,13 +248,13 @@ def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
     plan_file.write_csv(tmp_path / "p.csv", request, plan)
     assert (tmp_path / "p.csv").open().readline().strip().endswith("l_1,l_2,l_3,l_4")
 
-    robot, modern = description.load(file), sensors.PRESETS["modern"]
-    path, plant = trajectory.read(tmp_path / "p.csv"), dynamics.plant("elastic", robot)
+    robot, modern = description.load(file), sensor_models.PRESETS["modern"]
+    path, plant = trajectory.read(tmp_path / "p.csv"), forward_dynamics.plant("elastic", robot)
     reported = []
     for seed in range(3):
-        run = simulate.Run(file, robot, robot.nominal, path, "p", modern, "modern", 200.0, seed, plant)
-        simulate.simulate(run, tmp_path / "run", lambda step: None)
-        config = runs.config_of(description.load(tmp_path / "run/robot.toml"), "run")
+        run = simulator.Run(file, robot, robot.nominal, path, "p", modern, "modern", 200.0, seed, plant)
+        simulator.simulate(run, tmp_path / "run", lambda step: None)
+        config = reader.config_of(description.load(tmp_path / "run/robot.toml"), "run")
         log, positions = tmp_path / "run/can.log", tmp_path / "run/tracker.csv"
         found = inertiad_core.read_run(config, [str(log)], [""], str(positions)).estimate
         reported.append([found["mass_std"], *found["cog_std"]])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inertiad import runs
+from inertiad.run import reader
 
 TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/vcan"))
@@ -61,7 +61,7 @@ def test_counters_add_up_and_estimate_holds(scenario: scenarios.Scenario, run: s
     assert used + sum(lost.values()) == len(run)
     assert [name for name in scenario.counted if not counters[name]] == []
     told = json.loads((folder / "estimate.json").read_text())["samples"]["rejected"]
-    assert runs.read(folder, folder / scenario.robot / "robot.toml").n_rejected == told  # as read back offline
+    assert reader.read(folder, folder / scenario.robot / "robot.toml").n_rejected == told  # as read back offline
     truth = json.loads((folder / "run/truth.json").read_text())
     assert faults.sigmas(folder / "estimate.json", truth) < 3.0
 

@@ -12,13 +12,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
-from inertiad import diagnose, fit, runs, sources, tracker_csv
-from inertiad import robot as description
-from inertiad.error import InputError
-from inertiad.estimate import read
-from inertiad.robot import read_data, to_toml
-from inertiad.runs import Recording
-from inertiad.table import Table
+from inertiad.base.body import read
+from inertiad.base.error import InputError
+from inertiad.base.table import Table
+from inertiad.base.text_files import to_toml
+from inertiad.identify import diagnose, fit
+from inertiad.robot import description
+from inertiad.robot.description import read_data
+from inertiad.run import derived_motion, reader, tracker_csv
+from inertiad.run.reader import Recording
 
 TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
@@ -27,12 +29,12 @@ import scenes  # noqa: E402
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return runs.read(scenes.run(1000, "modern", 100.0, "fourier"))
+    return reader.read(scenes.run(1000, "modern", 100.0, "fourier"))
 
 
 @pytest.fixture(scope="module")
 def config(recording: Recording) -> object:
-    return runs.config_of(recording.robot, "test")
+    return reader.config_of(recording.robot, "test")
 
 
 def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config: object) -> None:
@@ -53,7 +55,7 @@ def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config
     std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0})  # no unknowns beside these
     noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
     still = recording.robot.model_copy(update={"std": std, "estimator": noise})
-    config = runs.config_of(still, "test")
+    config = reader.config_of(still, "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)
     noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
     mean = np.r_[_prior_theta(still), np.zeros(11)]
@@ -73,7 +75,7 @@ def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config
 
 
 def _prior_theta(robot: object) -> np.ndarray:
-    from inertiad.compile import prior
+    from inertiad.robot.configuration import prior
 
     return prior(robot)[0]
 
@@ -93,14 +95,14 @@ def test_claimed_sigma_holds_for_joint(recording: Recording, config: object) -> 
 
 
 def test_paper_finds_an_ideal_body_from_ideal_sensors() -> None:
-    run = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
-    estimate = fit.two_step(run.robot, runs.config_of(run.robot, ""), [run])
+    run = reader.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    estimate = fit.two_step(run.robot, reader.config_of(run.robot, ""), [run])
     assert (scenes.scaled(np.array(estimate.body.value) - scenes.truth(run.path), scenes.truth(run.path)) < 2.0).all()
 
 
 def test_paper_says_when_no_body_can_be_like_that() -> None:
-    run = runs.read(scenes.run(1001, "paper", 25.0, "paper"))
-    estimate = fit.two_step(run.robot, runs.config_of(run.robot, ""), [run])
+    run = reader.read(scenes.run(1001, "paper", 25.0, "paper"))
+    estimate = fit.two_step(run.robot, reader.config_of(run.robot, ""), [run])
     assert not estimate.consistent
     assert "no body can have this inertia" in estimate.notes[0]
 
@@ -113,7 +115,7 @@ def test_published_body_can_exist_although_the_data_disagree(recording: Recordin
 
 
 def test_validation_predicts_a_run_not_used(recording: Recording, config: object) -> None:
-    other = runs.read(scenes.run(1500, "modern", 100.0, "fourier", errors_of=1000))
+    other = reader.read(scenes.run(1500, "modern", 100.0, "fourier", errors_of=1000))
     joint = fit.validate(config, fit.joint(config, [recording]), other)
     plain = fit.validate(config, fit.wls(config, [recording]), other)
     assert (joint.rms < 0.1 * joint.signal).all()
@@ -132,29 +134,29 @@ def _csv(path: Path, recording: Recording, columns: list[str], every: int = 1) -
 
 def test_signals_csv_gives_what_the_run_gives(tmp_path: Path, recording: Recording, config: object) -> None:
     file = _csv(tmp_path / "signals.csv", recording, ["acc", "gyro", "q", "pos", "f"])
-    found = fit.joint(config, [runs.read(file, scenes.COGIRO)]).body
+    found = fit.joint(config, [reader.read(file, scenes.COGIRO)]).body
     np.testing.assert_allclose(found.value, fit.joint(config, [recording]).body.value, rtol=1e-3, atol=2e-3)
 
 
 def test_without_gyro_and_accelerometer_the_body_is_found(tmp_path: Path) -> None:
-    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
-    run = runs.read(_csv(tmp_path / "signals.csv", ideal, ["q", "pos", "f"]), scenes.COGIRO)
+    ideal = reader.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    run = reader.read(_csv(tmp_path / "signals.csv", ideal, ["q", "pos", "f"]), scenes.COGIRO)
     assert run.notes == ("rate derived from attitude", "specific force derived from positions")
-    estimate = fit.wls(runs.config_of(run.robot, ""), [run])
+    estimate = fit.wls(reader.config_of(run.robot, ""), [run])
     error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
     assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
 
 
 def test_without_an_attitude_that_of_the_trackers_poses_serves(tmp_path: Path) -> None:
-    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    ideal = reader.read(scenes.run(1000, "ideal", 100.0, "fourier"))
     file = _csv(tmp_path / "signals.csv", ideal, ["acc", "gyro", "f"])
     rows = ideal.rows
     columns = dict(zip(("x", "y", "z"), rows.position[::2].T, strict=True))
     columns |= dict(zip(("q_w", "q_x", "q_y", "q_z"), rows.q[::2].T, strict=True))
     tracker_csv.write(tmp_path / "tracker.csv", Table(rows.t[::2], columns, "poses at 50 Hz"))
-    run = runs.read(file, scenes.COGIRO)
+    run = reader.read(file, scenes.COGIRO)
     assert run.notes == ("attitude of the tracker's poses",)
-    estimate = fit.wls(runs.config_of(run.robot, ""), [run])
+    estimate = fit.wls(reader.config_of(run.robot, ""), [run])
     error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
     assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
 
@@ -168,16 +170,16 @@ def _at_angles(rows: object, yaw: float, bias: np.ndarray, delay: float) -> np.n
 
 def test_derived_motion_takes_part_in_what_its_sources_do_wrong(tmp_path: Path) -> None:
     """The attitude's errors and the tracker's delay are found from the specific force that was derived with them."""
-    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    ideal = reader.read(scenes.run(1000, "ideal", 100.0, "fourier"))
     yaw, bias, delay = 0.05, np.array([0.02, -0.01, 0.015]), 0.02
     header = "t,q_w,q_x,q_y,q_z,pos_x,pos_y,pos_z," + ",".join(f"f_{i + 1}" for i in range(8))
     file = tmp_path / "signals.csv"
     np.savetxt(file, _at_angles(ideal.rows, yaw, bias, delay), delimiter=",", header=header, comments="", fmt="%.12g")
-    run = runs.read(file, scenes.COGIRO)
+    run = reader.read(file, scenes.COGIRO)
     known = {"force_gain": 1e-6, "force_offset": 1e-3, "imu_alignment": 1e-9, "geometry": 0.0, "attitude_wander": 1e-6}
     wide = {"attitude": 0.05, "world_yaw": 0.1, "position_delay": 0.05, **known}
     robot = run.robot.model_copy(update={"std": run.robot.std.model_copy(update=wide)})
-    estimate = fit.joint(runs.config_of(robot, ""), [run])
+    estimate = fit.joint(reader.config_of(robot, ""), [run])
     assert estimate.xi is not None
     np.testing.assert_allclose(estimate.xi[:3], bias, atol=5e-4)
     np.testing.assert_allclose(estimate.xi[[3, 10]], [yaw, delay], atol=5e-4)
@@ -198,7 +200,7 @@ def test_trackers_poses_are_turned_into_the_imus_axes_and_time() -> None:
     body = Rotation.from_euler("x", (t - late)[:, None])  # the platform at the measured instant
     poses = Table(t, dict(zip(("q_w", "q_x", "q_y", "q_z"), body.as_quat(scalar_first=True).T, strict=True)), "poses")
     at = np.arange(-0.5, 3.5, 0.025)
-    q, chosen = sources.attitude_from_poses(robot, poses, at)
+    q, chosen = derived_motion.attitude_from_poses(robot, poses, at)
     seen = at + late
     assert np.array_equal(chosen, ((seen >= 0.0) & (seen <= 0.9)) | ((seen >= 2.0) & (seen <= t[-1])))
     expected = Rotation.from_euler("x", at[chosen][:, None]) * mount
@@ -206,19 +208,19 @@ def test_trackers_poses_are_turned_into_the_imus_axes_and_time() -> None:
 
 
 def test_poses_of_another_time_leave_nothing(tmp_path: Path) -> None:
-    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    ideal = reader.read(scenes.run(1000, "ideal", 100.0, "fourier"))
     file = _csv(tmp_path / "signals.csv", ideal, ["acc", "gyro", "f"])
     columns = dict.fromkeys(("x", "y", "z", "q_x", "q_y", "q_z"), np.zeros(5)) | {"q_w": np.ones(5)}
     tracker_csv.write(tmp_path / "tracker.csv", Table(1e4 + np.arange(5.0), columns, "later"))
     with pytest.raises(InputError, match=r"no pose within 0\.25 s of any sample"):
-        runs.read(file, scenes.COGIRO)
+        reader.read(file, scenes.COGIRO)
 
 
 @pytest.mark.parametrize("columns", [["gyro", "q", "pos", "f"], ["acc", "q", "pos", "f"], ["q", "pos", "f"]])
 def test_noise_of_derived_motion_does_not_wear_the_body_down(tmp_path: Path, columns: list[str]) -> None:
-    modern = runs.read(scenes.run(1000, "modern", 50.0, "paper"))
-    run = runs.read(_csv(tmp_path / "signals.csv", modern, columns), modern.path / "robot.toml")
-    body = fit.joint(runs.config_of(run.robot, ""), [run]).body
+    modern = reader.read(scenes.run(1000, "modern", 50.0, "paper"))
+    run = reader.read(_csv(tmp_path / "signals.csv", modern, columns), modern.path / "robot.toml")
+    body = fit.joint(reader.config_of(run.robot, ""), [run]).body
     error = np.abs(np.array(body.value) - scenes.truth(modern.path))
     assert (error < 3.0 * np.array(body.std)).all()
 
@@ -230,9 +232,9 @@ def test_derived_motion_is_what_calibrated_sensors_would_have_measured(recording
     robot_file, rows, windows = tmp_path / "robot.toml", [], []
     for calibration in ({}, told):
         robot_file.write_text(to_toml({**read_data(scenes.COGIRO), "calibration": calibration}), encoding="utf-8")
-        run = runs.read(file, robot_file)
+        run = reader.read(file, robot_file)
         rows.append(run.rows)
-        windows.append(inertiad_core.Windows(runs.config_of(run.robot, ""), run.rows))
+        windows.append(inertiad_core.Windows(reader.config_of(run.robot, ""), run.rows))
     turn = Rotation.from_rotvec(told["imu_alignment"]).as_matrix()
     s = [w.Y[:, :3, 0] for w in windows]
     np.testing.assert_allclose(s[1], s[0] @ turn.T, atol=1e-9)
@@ -240,10 +242,10 @@ def test_derived_motion_is_what_calibrated_sensors_would_have_measured(recording
 
 
 def test_poses_at_rest_give_mass_and_cog_and_no_inertia(tmp_path: Path) -> None:
-    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier"))
+    ideal = reader.read(scenes.run(1000, "ideal", 100.0, "fourier"))
     file = _static_poses(tmp_path / "poses.csv", ideal)
-    run = runs.read(file, scenes.COGIRO)
-    estimate = fit.joint(runs.config_of(run.robot, ""), [run])
+    run = reader.read(file, scenes.COGIRO)
+    estimate = fit.joint(reader.config_of(run.robot, ""), [run])
     true = scenes.truth(ideal.path)
     assert abs(estimate.body.value[0] / true[0] - 1.0) < 0.01
     assert np.abs(np.array(estimate.body.value[1:4]) - true[1:4]).max() < 0.01
@@ -253,19 +255,18 @@ def test_poses_at_rest_give_mass_and_cog_and_no_inertia(tmp_path: Path) -> None:
 
 def _static_poses(path: Path, recording: Recording) -> Path:
     """20 poses of the motion with the tensions that hold them still."""
-    from inertiad import compile, sensors, simulate
-    from inertiad import robot as description
-    from inertiad.trajectory import Motion
+    from inertiad.model.trajectory import Motion
+    from inertiad.robot import configuration, description
+    from inertiad.simulate import simulator
 
     robot = description.load(scenes.COGIRO)
     rows, k = recording.rows, np.linspace(250, 2000, 20).astype(int)
     zero = np.zeros((20, 3))
     R = Rotation.from_quat(rows.q[k], scalar_first=True).as_matrix()
     motion = Motion(np.ascontiguousarray(rows.position[k]), zero, zero, R, zero, zero)
-    drawn = sensors.draw(sensors.PRESETS["ideal"], 8, sensors.Dice(0))
-    config = inertiad_core.Config(compile.compile_robot(robot, ""))
+    config = inertiad_core.Config(configuration.compile_robot(robot, ""))
     assert robot.nominal is not None
-    f = simulate.tensions(simulate.Mechanics(config, robot, robot.nominal, drawn, 0.0), np.arange(20.0), motion)
+    f = simulator.tensions(simulator.Mechanics(config, robot, robot.nominal), np.arange(20.0), motion)
     data = np.hstack([np.arange(20.0)[:, None] * 5.0, rows.q[k], rows.position[k], f])
     header = "t,q_w,q_x,q_y,q_z,pos_x,pos_y,pos_z," + ",".join(f"f_{i + 1}" for i in range(8))
     np.savetxt(path, data, delimiter=",", header=header, comments="")
@@ -273,8 +274,8 @@ def _static_poses(path: Path, recording: Recording) -> Path:
 
 
 def test_rate_from_attitude_has_the_gyros_sign_and_size() -> None:
-    ideal = runs.read(scenes.run(1000, "ideal", 100.0, "fourier")).rows
-    rate = sources.rate_from_attitude(ideal.t, ideal.q, 0.1)
+    ideal = reader.read(scenes.run(1000, "ideal", 100.0, "fourier")).rows
+    rate = derived_motion.rate_from_attitude(ideal.t, ideal.q, 0.1)
     assert np.abs(rate - ideal.gyro)[50:-50].max() < 2e-3
     assert np.abs(ideal.gyro).max() > 0.3
 
@@ -300,13 +301,13 @@ def test_force_noise_does_not_make_the_body_lighter(recording: Recording) -> Non
     noise = 20.0 * np.random.default_rng(1).standard_normal(rows.f.shape)
     t_ns = np.rint(1e9 * rows.t).astype(np.int64)
     noisy = inertiad_core.Rows(t_ns, rows.acc, rows.gyro, rows.q, rows.position, rows.f + noise)
-    body = fit.joint(runs.config_of(robot, "test"), [Recording(recording.path, robot, noisy, 0, 0, {})]).body
+    body = fit.joint(reader.config_of(robot, "test"), [Recording(recording.path, robot, noisy, 0, 0, {})]).body
     assert abs(body.value[0] - scenes.truth(recording.path)[0]) < body.std[0]
 
 
 def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"robot\.toml: not there"):
-        runs.read(tmp_path)
+        reader.read(tmp_path)
 
 
 def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, config: object) -> None:
@@ -314,7 +315,7 @@ def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, 
     free = [True] * 3 + [False] * 28
     options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
     std = recording.robot.std.model_copy(update={"geometry": 0.0})
-    config = runs.config_of(recording.robot.model_copy(update={"std": std}), "test")
+    config = reader.config_of(recording.robot.model_copy(update={"std": std}), "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)
     noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
 

@@ -10,10 +10,11 @@ import pytest
 from conftest import COGIRO, TOP
 
 import inertiad_core
-from inertiad import canlog, estimate, lcmlog, runs, tracker_csv, verify
-from inertiad import compile as compiler
-from inertiad import robot as description
-from inertiad.sensors import PRESETS
+from inertiad.base import body as estimate
+from inertiad.check import verify
+from inertiad.robot import configuration, description
+from inertiad.run import canlog, lcmlog, reader, tracker_csv
+from inertiad.simulate.sensor_models import PRESETS
 from inertiad_lcm import health_t, signals_t
 
 LOST_AT = 12.0  # s
@@ -34,7 +35,7 @@ def run_with_gap(folder: Path, gap: float) -> Path:
 
 def daemon(run: Path) -> tuple[dict[str, int], signals_t]:
     """Counters of the last HEALTH, and the rows."""
-    compiler.write(run / "robot.cfg", description.load(run / "robot.toml"), "robot.toml")
+    configuration.write(run / "robot.cfg", description.load(run / "robot.toml"), "robot.toml")
     command = [TOP / "build/bin/inertiad", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log",
                "--tracker", f"file:{run}/tracker.csv", "--lcm", "none", "--record", run / "run.lcmlog",
                "--estimate", run / "estimate.json"]  # fmt: skip
@@ -60,7 +61,7 @@ def test_estimate_holds_while_the_position_is_carried(tmp_path, gap):
     assert n["align.imu.samples"] == n["align.rows"] + sum(n[f"align.{cause}"] for cause in LOST)
     body, truth = estimate.read(run / "estimate.json"), estimate.read_truth(run / "truth.json")
     assert np.all(np.abs(estimate.errors(body, truth)) < 3.0 * np.array(body.std))
-    offline = runs.read(run)
+    offline = reader.read(run)
     assert offline.counters["align.position.carried"] == carried
     assert np.array_equal(offline.rows.position, [row.position for row in rows])
 
@@ -68,7 +69,7 @@ def test_estimate_holds_while_the_position_is_carried(tmp_path, gap):
 def test_positions_that_come_late_change_nothing(tmp_path):
     run = run_with_gap(tmp_path, 0.4)
     robot = description.load(run / "robot.toml")
-    config = runs.config_of(robot, "run")
+    config = reader.config_of(robot, "run")
     log, tracker = canlog.read(run / "can.log"), tracker_csv.read(run / "tracker.csv")
     xyz = tracker.stack("x", "y", "z")
     late = np.repeat(np.random.default_rng(1).uniform(0.0, 0.1, len(tracker.t) // 50 + 1), 50)[: len(tracker.t)]  # s

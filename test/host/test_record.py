@@ -16,9 +16,11 @@ import pytest
 from conftest import ISOLATED, TOP
 from scipy.spatial.transform import Rotation
 
-from inertiad import instrument, lcmlog, quantity, record, tracker_csv
-from inertiad.error import InputError
-from inertiad.instrument import Layout, Parser, Sample
+from inertiad.base import quantity
+from inertiad.base.error import InputError
+from inertiad.live import record, tracker_protocols
+from inertiad.live.tracker_protocols import Layout, Parser, Sample
+from inertiad.run import lcmlog, tracker_csv
 from inertiad_lcm import tracker_t
 
 STRUCT = Layout("struct", ("frame", "t", "x", "y", "z"), struct="<Id3d")
@@ -150,7 +152,7 @@ def test_full_disk_is_said_and_leaves_a_run_readable_to_there(run, tmp_path):
 @pytest.mark.parametrize("chunk", [1, 7, 1000])
 def test_stream_cut_anywhere_gives_the_same_samples(layout, chunk):
     samples = [Sample((0.1 * k, -1.5, 2.0), 10.0 + k) for k in range(5)]
-    stream = b"".join(instrument.encode(layout, s, k + 1) for k, s in enumerate(samples))
+    stream = b"".join(tracker_protocols.encode(layout, s, k + 1) for k, s in enumerate(samples))
     parser = Parser(layout)
     found = [s for i in range(0, len(stream), chunk) for s in parser.feed(stream[i : i + chunk])]
     assert np.array([s.position for s in found]) == pytest.approx(np.array([s.position for s in samples]))
@@ -192,7 +194,7 @@ def test_dtrack_tells_the_rotation_matrix_column_by_column():
 
 
 def test_natnet_tells_the_scalar_last():
-    sent = bytearray(instrument.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5), 7))
+    sent = bytearray(tracker_protocols.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5), 7))
     at = bytes(sent).index(struct.pack("<3f", 1.0, 2.0, 3.0)) + 12
     sent[at : at + 16] = struct.pack("<4f", 0.0, 0.0, QUARTER[3], QUARTER[0])
     (sample,) = Parser(Layout("natnet")).feed(bytes(sent))
@@ -219,13 +221,13 @@ def test_columns_of_text_and_struct_may_be_a_pose():
 )
 def test_attitude_that_is_none_is_counted(layout, sent, why):
     parser = Parser(layout)
-    sent = sent or instrument.encode(layout, Sample((1.0, 2.0, 3.0), 5.5, q=(0.0, 0.0, 0.0, 0.0)), 7)
+    sent = sent or tracker_protocols.encode(layout, Sample((1.0, 2.0, 3.0), 5.5, q=(0.0, 0.0, 0.0, 0.0)), 7)
     assert parser.feed(sent) == []
     assert parser.n_bad == 1 and parser.last_bad.startswith(why)
 
 
 def test_natnet_body_is_chosen_by_number_and_damage_is_counted():
-    sent = instrument.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5, q=QUARTER), 7)
+    sent = tracker_protocols.encode(Layout("natnet"), Sample((1.0, 2.0, 3.0), 5.5, q=QUARTER), 7)
     (body,) = Parser(Layout("natnet", body=1)).feed(sent)
     assert (body.position, body.t_device, body.frame, body.valid) == ((1.0, 2.0, 3.0), 5.5, 7, True)
     assert Parser(Layout("natnet", body=2)).feed(sent) == [Sample((0.0, 0.0, 0.0), 5.5, 7, False)]
@@ -239,7 +241,7 @@ def test_natnet_body_is_chosen_by_number_and_damage_is_counted():
 
 
 def test_emscon_tells_device_time_unless_it_is_not_wanted():
-    sent = instrument.encode(Layout("emscon"), Sample((1.0, 2.0, 3.0), 77.000123), 1)
+    sent = tracker_protocols.encode(Layout("emscon"), Sample((1.0, 2.0, 3.0), 77.000123), 1)
     assert Parser(Layout("emscon")).feed(sent)[0].t_device == pytest.approx(77.000123)
     assert Parser(Layout("emscon", device_time=False)).feed(sent)[0].t_device is None
 

@@ -13,7 +13,7 @@ import pytest
 from conftest import ISOLATED, TOP
 
 import inertiad_replay
-from inertiad import replay
+from inertiad.live import replay
 from inertiad_lcm import tracker_t
 
 

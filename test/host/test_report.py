@@ -13,10 +13,11 @@ from browser import Browser, browser
 from conftest import COGIRO, TOP
 
 import inertiad_core
-from inertiad import fit, lcmlog, report, runs, table
-from inertiad.report import facts as gathering
-from inertiad.report import figure, interactive, page, printed, verdict
-from inertiad.report.facts import Facts
+from inertiad.base import table
+from inertiad.identify import fit
+from inertiad.report import document, figure, interactive, page, printed, report_data, verdict
+from inertiad.report.report_data import Facts
+from inertiad.run import lcmlog, reader
 
 SIGNALS = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z", "q_w", "q_x", "q_y", "q_z")
 BROKEN = 2
@@ -50,7 +51,7 @@ def again(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def spoilt(good: Path, folder: Path, fault: str) -> Path:
     """The run as signals CSV, with one force sensor that misbehaves from the middle on."""
-    rows = runs.read(good).rows
+    rows = reader.read(good).rows
     f, late = rows.f.copy(), rows.t > rows.t[len(rows) // 2]
     match fault:
         case "jump":
@@ -73,7 +74,7 @@ def spoilt(good: Path, folder: Path, fault: str) -> Path:
 
 
 def gathered(*paths: Path) -> Facts:
-    return gathering.gather(list(paths), None, "inertiactl report", ignore)
+    return report_data.gather(list(paths), None, "inertiactl report", ignore)
 
 
 def levels(found: verdict.Verdict) -> dict[str, str]:
@@ -119,9 +120,9 @@ def test_healthy_sensors_are_not_accused(good: Path, again: Path) -> None:
 def test_each_run_is_predicted_from_the_others_alone(good: Path, again: Path) -> None:
     facts = gathered(good, again)
     assert not facts.other_bodies
-    config = runs.config_of(facts.robot, "test")
-    others = fit.joint(config, [runs.read(again)])
-    alone = fit.validate(config, others, runs.read(good))
+    config = reader.config_of(facts.robot, "test")
+    others = fit.joint(config, [reader.read(again)])
+    alone = fit.validate(config, others, reader.read(good))
     assert facts.runs[0].prediction is not None
     np.testing.assert_array_equal(facts.runs[0].prediction.tension_rms, alone.tension_rms)
 
@@ -137,7 +138,7 @@ def test_runs_of_different_bodies_are_told_apart(good: Path, tmp_path: Path) -> 
 
 def test_convergence_is_the_daemons_own_estimate(good: Path) -> None:
     history = gathered(good).runs[0].history
-    config = runs.config_of(runs.robot_of(good), "test")
+    config = reader.config_of(reader.robot_of(good), "test")
     end = inertiad_core.read_run(config, [f"{good}/can.log"], [""], f"{good}/tracker.csv").estimate
     assert history is not None
     np.testing.assert_allclose(history.value[-1], [end["mass"], *end["cog"], *end["inertia_cog"]], rtol=1e-9, atol=1e-9)
@@ -193,7 +194,7 @@ def test_run_that_tells_little_gets_words_and_no_empty_figure(good, tmp_path, da
     result = inertiactl("report", run)
     assert result.returncode == 0 and "Traceback" not in result.stderr, result.stderr
     assert words in result.stderr
-    made = report.page_of(gathered(run))
+    made = document.page_of(gathered(run))
     drawn = page.drawings_of(made)
     assert len(drawn) == n_figures
     for drawing in drawn:
@@ -256,7 +257,7 @@ def test_thinned_line_keeps_every_peak() -> None:
 
 
 def test_drawings_of_every_kind_are_written_as_png_and_pdf(good: Path, tmp_path: Path) -> None:
-    made = {drawing.key: drawing for drawing in page.drawings_of(report.page_of(gathered(good)))}
+    made = {drawing.key: drawing for drawing in page.drawings_of(document.page_of(gathered(good)))}
     assert len(made) >= 12
     for key in ("platform", "tensions", "limits"):
         printed.write(made[key], tmp_path)
@@ -270,7 +271,7 @@ def test_names_from_files_are_text_on_the_page(good: Path, tmp_path: Path) -> No
     folder = tmp_path / "evil"
     spoilt(good, folder, "none")
     (folder / "robot.toml").write_text(re.sub(r'(?m)^name = ".*"', f'name = "{evil}"', text))
-    html = page.render(report.page_of(gathered(folder / "signals.csv")))
+    html = page.render(document.page_of(gathered(folder / "signals.csv")))
     assert evil not in html and "&lt;/script&gt;" in html
 
 
@@ -354,6 +355,6 @@ def test_table_of_signals_is_what_was_spoilt(good: Path, tmp_path: Path) -> None
     """The test's own tool: only one channel differs."""
     file = spoilt(good, tmp_path / "jump", "jump")
     read = table.read(file, ["t", *SIGNALS, "pos_x", "pos_y", "pos_z", *(f"f_{i + 1}" for i in range(8))])
-    f = runs.read(good).rows.f
+    f = reader.read(good).rows.f
     differs = [i for i in range(8) if np.abs(read.columns[f"f_{i + 1}"] - f[:, i]).max() > 1.0]
     assert differs == [BROKEN]

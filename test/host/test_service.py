@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, TOP
 
-from inertiad import compile as compiler
-from inertiad import robot as description
+from inertiad.robot import configuration, description
 
 DAEMON = TOP / "build/bin/inertiad"
 UNIT = TOP / "firmware/packaging/inertiad.service"
@@ -38,7 +37,7 @@ class Manager:
 
 
 def test_ready_watchdog_and_stopping_over_a_real_socket(tmp_path):
-    compiler.write(tmp_path / "robot.cfg", description.load(COGIRO / "robot.toml"), "robot.toml")
+    configuration.write(tmp_path / "robot.cfg", description.load(COGIRO / "robot.toml"), "robot.toml")
     manager = Manager(tmp_path / "notify")
     log = subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE)  # a bus on which nothing comes
     command = [DAEMON, "--config", tmp_path / "robot.cfg", "--bus", "file:-", "--lcm", "none"]

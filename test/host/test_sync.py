@@ -12,22 +12,24 @@ import pytest
 from conftest import AFTER_IMU, COGIRO, TOP
 from scipy.spatial.transform import Rotation
 
-from inertiad import delay, header, sync, trajectory
-from inertiad import robot as description
+from inertiad.identify import sync, time_delay
+from inertiad.model import trajectory
+from inertiad.robot import description
+from inertiad.run import host_info
 from inertiad_lcm import robot_config_t
 
 GRAVITY, NOISE = 9.81, 1e-3
 LEVER = np.array([0.3, -0.2, 0.4])
-PRIOR = delay.Prior(GRAVITY, LEVER, 0.02, 2e-4, 1e-3)
+PRIOR = time_delay.Prior(GRAVITY, LEVER, 0.02, 2e-4, 1e-3)
 
 
-def imu_of(t: np.ndarray, dice: np.random.Generator) -> delay.Imu:
+def imu_of(t: np.ndarray, dice: np.random.Generator) -> time_delay.Imu:
     """An IMU at P during the paper's motion: biases and white noise."""
     m = trajectory.paper().at(t)
     acc = np.einsum("nji,nj->ni", m.R, m.a + np.array([0.0, 0.0, GRAVITY]))
     acc += 0.02 * dice.standard_normal(3) + 0.01 * dice.standard_normal(acc.shape)
     gyro = m.omega + 2e-4 * dice.standard_normal(3) + 1e-3 * dice.standard_normal(acc.shape)
-    return delay.Imu(t, acc, gyro, Rotation.from_matrix(m.R).as_quat(scalar_first=True))
+    return time_delay.Imu(t, acc, gyro, Rotation.from_matrix(m.R).as_quat(scalar_first=True))
 
 
 def positions(t: np.ndarray, late: float, dice: np.random.Generator) -> np.ndarray:
@@ -40,7 +42,7 @@ def positions(t: np.ndarray, late: float, dice: np.random.Generator) -> np.ndarr
 def test_delay_is_found_within_its_bar(late):
     dice = np.random.default_rng(7)
     imu, t = imu_of(np.arange(0.0, 12.0, 0.01), dice), np.arange(0.0, 12.0, 1.0 / 238.0)
-    found = delay.estimate(imu, t, positions(t, late, dice), PRIOR, 0.3)
+    found = time_delay.estimate(imu, t, positions(t, late, dice), PRIOR, 0.3)
     assert found is not None
     assert found.std < 5e-4
     assert found.value == pytest.approx(late, abs=3.0 * found.std)
@@ -52,9 +54,9 @@ def test_gaps_of_tracker_and_imu_cost_certainty_not_truth():
     t_imu, t = np.arange(0.0, 16.0, 0.01), np.arange(0.0, 16.0, 1.0 / 238.0)
     late = 0.009
     seen = (t < 3.0) | (t > 6.0)
-    beam_lost = delay.estimate(imu_of(t_imu, dice), t[seen], positions(t[seen], late, dice), PRIOR, 0.3)
+    beam_lost = time_delay.estimate(imu_of(t_imu, dice), t[seen], positions(t[seen], late, dice), PRIOR, 0.3)
     there = (t_imu < 7.0) | (t_imu > 8.0)
-    imu_lost = delay.estimate(imu_of(t_imu[there], dice), t, positions(t, late, dice), PRIOR, 0.3)
+    imu_lost = time_delay.estimate(imu_of(t_imu[there], dice), t, positions(t, late, dice), PRIOR, 0.3)
     for found, n in ((beam_lost, 1), (imu_lost, 2)):
         assert found is not None and found.n_stretches == n
         assert found.value == pytest.approx(late, abs=3.0 * found.std)
@@ -63,14 +65,14 @@ def test_gaps_of_tracker_and_imu_cost_certainty_not_truth():
 def test_platform_at_rest_tells_no_delay():
     dice = np.random.default_rng(9)
     t_imu, t = np.arange(0.0, 8.0, 0.01), np.arange(0.0, 8.0, 0.01)
-    still = delay.Imu(
+    still = time_delay.Imu(
         t_imu, np.tile([0.0, 0.0, GRAVITY], (800, 1)), np.zeros((800, 3)), np.tile([1.0, 0, 0, 0], (800, 1))
     )
-    found = delay.estimate(still, t, NOISE * dice.standard_normal((800, 3)), PRIOR, 0.3)
+    found = time_delay.estimate(still, t, NOISE * dice.standard_normal((800, 3)), PRIOR, 0.3)
     assert found is not None and found.std > 0.05
-    assert delay.estimate(still, t[:300], np.zeros((300, 3)), PRIOR, 0.3) is not None
-    short = delay.Imu(t_imu[:300], still.acc[:300], still.gyro[:300], still.q[:300])
-    assert delay.estimate(short, t, np.zeros((800, 3)), PRIOR, 0.3) is None
+    assert time_delay.estimate(still, t[:300], np.zeros((300, 3)), PRIOR, 0.3) is not None
+    short = time_delay.Imu(t_imu[:300], still.acc[:300], still.gyro[:300], still.q[:300])
+    assert time_delay.estimate(short, t, np.zeros((800, 3)), PRIOR, 0.3) is None
 
 
 # ---- runs ------------------------------------------------------------------------------------------------------------
@@ -97,7 +99,7 @@ def run(tmp_path_factory) -> Path:
     marks += [f"({2 + 0.01 * k:017.6f}) can0 080#\n" for k in range(5)]
     lines = (folder / "can.log").read_text().splitlines(keepends=True) + marks
     (folder / "can.log").write_text("".join(sorted(lines, key=lambda line: line.split()[0])))
-    header.write(folder)
+    host_info.write(folder)
     return folder
 
 
@@ -139,7 +141,7 @@ def test_sync_json_is_taken_in_by_robot_toml(run, tmp_path):
 
 def test_second_sync_with_the_first_in_place_finds_the_same_total(run, tmp_path):
     robot = description.load(run / "robot.toml")
-    position = delay.Delay(0.004, 1e-4, NOISE, 1000, 1)
+    position = time_delay.Delay(0.004, 1e-4, NOISE, 1000, 1)
     moved = sync._with_delays(robot, position, (0.002, 1e-3))
     assert sync.calibration(moved, position, (0.002, 1e-3)) == sync.calibration(robot, position, (0.002, 1e-3))
     assert moved.calibration.position_delay == 0.004 and moved.calibration.std.force_delay == 1e-3
@@ -177,25 +179,25 @@ def programs(tmp_path, monkeypatch) -> Path:
 
 
 def test_header_keeps_what_chrony_ptp_and_kernel_say(programs, tmp_path):
-    header.write(tmp_path)
+    host_info.write(tmp_path)
     clock = json.loads((tmp_path / "header.json").read_text())["clock"]
     assert clock["chrony"]["offset_rms_s"] == pytest.approx(21e-6)
     assert clock["chrony"]["error_max_s"] == pytest.approx(12e-6 + 0.4e-3 + 0.4e-3)
     assert clock["ptp"] == {"offset_s": -73e-9, "master_present": True, "master": "001122.fffe.334455"}
     assert clock["kernel"]["error_max_s"] >= 0.0
-    _, text = header.clock_in_words(tmp_path)
+    _, text = host_info.clock_in_words(tmp_path)
     assert "chrony from 192.0.2.7, 21 us rms" in text and "PTP, -0.1 us off its master" in text
 
 
 def test_programs_that_fail_are_left_out(programs, tmp_path):
     (programs / "chronyc").write_text("#!/bin/sh\necho 506 Cannot talk to daemon\nexit 1\n")
     (programs / "pmc").write_text("#!/bin/sh\nexit 0\n")
-    assert set(header.clock()) == {"kernel"}
+    assert set(host_info.clock()) == {"kernel"}
 
 
 @pytest.mark.parametrize(("synchronised", "words"), [(True, "error at most 1.50 ms"), (False, "not synchronised")])
 def test_clock_in_words(tmp_path, synchronised, words):
     kernel = {"synchronised": synchronised, "error_max_s": 1.5e-3, "error_estimated_s": 0.0}
     (tmp_path / "header.json").write_text(json.dumps({"host": "lab", "clock": {"kernel": kernel}}))
-    good, text = header.clock_in_words(tmp_path)
+    good, text = host_info.clock_in_words(tmp_path)
     assert good == synchronised and words in text and text.startswith("lab: ")

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from inertiad import trajectory
-from inertiad.error import InputError
+from inertiad.base.error import InputError
+from inertiad.model import trajectory
 
 
 def spline(path, attitude="rpy"):

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, TOP
 
-from inertiad import compile, lcmlog, verify
-from inertiad import robot as description
+from inertiad.check import verify
+from inertiad.robot import configuration, description
+from inertiad.run import lcmlog
 
 DAEMON = TOP / "build/bin/inertiad"
 
@@ -95,7 +96,7 @@ def test_daemon_with_another_byte_order_fails(run, tmp_path):
     start = int(signal.split(":")[1].split("|")[0])
     swapped = swapped.replace(f": {start}|", f": {start + 7 if '@1' in signal else start - 7}|")
     edit(other / "platform.dbc", signal, swapped)
-    compile.write(tmp_path / "other.cfg", description.load(other / "robot.toml"), "other")
+    configuration.write(tmp_path / "other.cfg", description.load(other / "robot.toml"), "other")
     found = failed(run, config=tmp_path / "other.cfg")
     assert {"configuration", "decoder", "estimates"} <= set(found)
 
@@ -103,17 +104,17 @@ def test_daemon_with_another_byte_order_fails(run, tmp_path):
 @pytest.mark.parametrize("factor", [1.02, 1.3])
 def test_changed_coefficient_in_the_daemons_configuration_fails(run, tmp_path, factor):
     described = description.load(run / "robot.toml")
-    config = compile.config_of(described, verify.dbc.bind(described, "x"))
+    config = configuration.config_of(described, verify.dbc.bind(described, "x"))
     index = next(i for i, s in enumerate(config.signal) if s.quantity == verify.inertiad_core.QUANTITIES["f_3"])
     config.signal[index].scale *= factor
-    (tmp_path / "changed.cfg").write_bytes(compile.to_bytes(config))
+    (tmp_path / "changed.cfg").write_bytes(configuration.to_bytes(config))
     found = failed(run, config=tmp_path / "changed.cfg")
     assert {"configuration", "estimates"} <= set(found)
 
 
 def test_changed_coefficient_in_the_dbc_disagrees_with_the_runs_own_result(run, tmp_path):
     config = tmp_path / "robot.cfg"
-    compile.write(config, description.load(run / "robot.toml"), "run")
+    configuration.write(config, description.load(run / "robot.toml"), "run")
     command = [DAEMON, "--config", config, "--bus", f"file:{run}/can.log", "--tracker", f"file:{run}/tracker.csv"]
     command += ["--lcm", "none", "--estimate", run / "estimate.json"]
     subprocess.run([str(c) for c in command], check=True, capture_output=True)
@@ -146,7 +147,7 @@ def record_configuration(run: Path, record: str, data: bytes) -> None:
 )
 @pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
 def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(run, record, file, old, new, said):
-    record_configuration(run, record, compile.compile_robot(description.load(run / "robot.toml"), "run"))
+    record_configuration(run, record, configuration.compile_robot(description.load(run / "robot.toml"), "run"))
     assert failed(run) == {}
     if old is None:
         old = next(line for line in (run / file).read_text().splitlines() if " SG_ f_3 " in line)
@@ -158,7 +159,9 @@ def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(r
 
 @pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
 def test_configuration_of_another_version_leaves_what_has_changed_open(run, record):
-    data = bytes(8) + compile.compile_robot(description.load(run / "robot.toml"), "run")[8:]  # another fingerprint
+    data = (
+        bytes(8) + configuration.compile_robot(description.load(run / "robot.toml"), "run")[8:]
+    )  # another fingerprint
     record_configuration(run, record, data)
     checks = {c.name: c for c in verify.verify(verify.Options(run), lambda _: None)}
     assert checks["robot.toml"].passed is None

@@ -5,9 +5,7 @@ import struct
 from pathlib import Path
 
 import inertiad_core
-from inertiad import compile as compiler
-from inertiad import dbc
-from inertiad import robot as description
+from inertiad.robot import configuration, dbc, description
 from inertiad_lcm import signal_config_t
 
 COGIRO = Path(__file__).resolve().parents[2] / "firmware/robots/cogiro/robot.toml"
@@ -26,7 +24,7 @@ def wide_signal(name, can_id, place):
 def cogiro():
     """robot_config_t of CoGiRo; change fields, then Config(to_bytes())."""
     robot = description.load(COGIRO)
-    config = compiler.config_of(robot, dbc.bind(robot, "robot.toml"))
+    config = configuration.config_of(robot, dbc.bind(robot, "robot.toml"))
     names = [f"{q}_{a}" for q in ("acc", "gyro") for a in "xyz"]
     signals = [wide_signal(name, IMU, i) for i, name in enumerate(names)]
     signals += [wide_signal(f"q_{a}", IMU + 1, i) for i, a in enumerate("wxyz")]
@@ -38,7 +36,7 @@ def cogiro():
 
 
 def checked(config):
-    return inertiad_core.Config(compiler.to_bytes(config))
+    return inertiad_core.Config(configuration.to_bytes(config))
 
 
 def frames(acc, gyro, q, f):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from inertiad import quantity
+from inertiad.base import quantity
 
 TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"

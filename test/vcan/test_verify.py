@@ -19,9 +19,9 @@ LOST = 77  # frame
 
 VERIFY_EACH = """
 import json, sys
-from inertiad import cli
+from inertiad.cli import main
 for arguments in json.loads(sys.argv[1]):
-    status = cli.app(["verify", *arguments], standalone_mode=False)
+    status = main.app(["verify", *arguments], standalone_mode=False)
     print("exit", status or 0, flush=True)
 """
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """python -m inertiad = inertiactl."""
 
-from inertiad.cli import main
+from inertiad.cli.main import main
 
 if __name__ == "__main__":
     main()

@@ -18,6 +18,7 @@
 #include "body.hpp"
 #include "calibrated.hpp"
 #include "derived.hpp"
+#include "estimate.hpp"
 #include "windows.hpp"
 
 extern "C" {
@@ -279,7 +280,7 @@ struct Problem {
         set_prior();
         scale.tail(n_geometry).setConstant(config.c().std_geometry);
         xi = Eigen::VectorXd::Zero(n_xi);
-        attenuation.resize(runs.size());
+        eiv_correction.resize(runs.size());
         V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
     }
 
@@ -490,10 +491,10 @@ struct Problem {
 
     void note(const Linearised& run, std::size_t r, const Equations& measured)
     {
-        attenuation[r] = {};
-        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&attenuation[r], &a, 1.0); }
-        if (runs[r].derived.force) { std::fill_n(attenuation[r].sum, 3, 0.0F); }  // smoothed in Y instead
-        if (runs[r].derived.rate) { std::fill_n(attenuation[r].sum + 3, 3, 0.0F); }
+        eiv_correction[r] = {};
+        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&eiv_correction[r], &a, 1.0); }
+        if (runs[r].derived.force) { std::fill_n(eiv_correction[r].sum, 3, 0.0F); }  // smoothed in Y instead
+        if (runs[r].derived.rate) { std::fill_n(eiv_correction[r].sum + 3, 3, 0.0F); }
         Vector6 sum = Vector6::Zero();
         const std::size_t n_windows = run.window.size();
         for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
@@ -522,50 +523,44 @@ struct Problem {
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
-    std::vector<ipe_eiv_correction_t> attenuation;  ///< of the runs' regressors
+    std::vector<ipe_eiv_correction_t> eiv_correction;  ///< of the runs' regressors
     double n_told =
         0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };
 
-/// Take what noise in the regressors of a group's runs pretended to know out of theta and P, about the IMU (eiv_correction.h);
-/// the plain fit stays the plain fit.
-inline void undo_attenuation(const Problem& problem, int group, Theta& theta, Covariance& P)
+/// Information about a group's theta that noise in its runs' regressors pretends (eiv_correction.h).
+inline Covariance spurious_information(const Problem& problem, int group)
 {
-    const Theta& mean = problem.prior_mean[static_cast<std::size_t>(group)];
-    const Covariance F = problem.prior_rows[static_cast<std::size_t>(group)].inverse();
-    Covariance prior = F * F.transpose(), C = Covariance::Zero();
+    Covariance C = Covariance::Zero();
     for (std::size_t r = 0; r < problem.runs.size(); ++r) {
         if (problem.runs[r].group != group) { continue; }
         Matrix6 L = problem.V[r].llt().matrixL();
-        ipe_eiv_correction_information(&problem.attenuation[r], as_array(L), 1.0, as_array(C));
+        ipe_eiv_correction_information(&problem.eiv_correction[r], as_array(L), 1.0, as_array(C));
     }
-    ipe_eiv_correction_undo(as_array(C), mean.data(), as_array(prior), theta.data(), as_array(P));
+    return C;
 }
 
-/// What is published about one group's body, by the rules of pipeline.c.
-inline BatchBody publish(const Problem& problem, int group)
+/// One group's published body. The plain fit of theta alone is published without the errors-in-variables correction.
+inline BatchBody publish_body(const Problem& problem, int group)
 {
-    const ipe_config_t& c = problem.config.c();
+    const auto g = static_cast<std::size_t>(group);
+    const Covariance F = problem.prior_rows[g].inverse(), prior = F * F.transpose();
+    ipe_solution_t s =
+        solution(problem.config, problem.theta[g], problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group));
+    Eigen::Map<Theta>(s.prior_theta) = problem.prior_mean[g];
+    Eigen::Map<Covariance>(&s.prior_covariance[0][0]) = prior;
+    if (!problem.free.empty()) { Eigen::Map<Covariance>(&s.spurious[0][0]) = spurious_information(problem, group); }
+    if (problem.n_geometry > 0) { s.std_geometry = 0.0; }
     BatchBody b{};
-    b.theta = problem.theta[static_cast<std::size_t>(group)];
-    b.P = problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group);
-    if (!problem.free.empty()) { undo_attenuation(problem, group, b.theta, b.P); }
-    ipe_body_shift(c.imu_position, b.theta.data(), as_array(b.P));
-    b.is_consistent = ipe_consistency_check(b.theta.data());
-    if (!ipe_consistency_project(b.theta.data(), as_array(b.P), b.theta_possible.data(), &b.distance)) {
-        throw std::domain_error("no body that can exist is near the estimate");
-    }
-    const double geometry = problem.n_geometry > 0 ? 0.0 : b.theta_possible[0] * c.std_geometry;
-    for (int i = 1; i < 4; ++i) { b.P(i, i) += geometry * geometry / c.n_cables; }
-    if (ipe_body_from_theta(b.theta_possible.data(), as_array(b.P), &b.body) != IPE_OK) {
-        throw std::domain_error("mass is not positive");
-    }
-    const ipe_body_t& prior = problem.prior_std_body[static_cast<std::size_t>(group)];
-    b.observable[0] = 2.0 * b.body.mass_std <= prior.mass_std;
-    for (int i = 0; i < 3; ++i) { b.observable[1 + i] = 2.0 * b.body.cog_std[i] <= prior.cog_std[i]; }
-    for (int i = 0; i < 6; ++i) { b.observable[4 + i] = 2.0 * b.body.inertia_cog_std[i] <= prior.inertia_cog_std[i]; }
+    const ipe_estimate_t e = publish(problem.config, s, &problem.prior_std_body[g], b.theta.data());
+    b.theta_possible = Eigen::Map<const Theta>(e.theta);
+    b.P = Eigen::Map<const Covariance>(&e.covariance[0][0]);
+    b.body = e.body;
+    b.is_consistent = e.consistent;
+    b.distance = e.distance;
+    std::copy_n(e.observable, IPE_NP, b.observable);
     return b;
 }
 
@@ -585,7 +580,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
     if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }
-    for (int g = 0; g < problem.n_groups; ++g) { result.body.push_back(detail::publish(problem, g)); }
+    for (int g = 0; g < problem.n_groups; ++g) { result.body.push_back(detail::publish_body(problem, g)); }
     result.fit = problem.fit;
     result.free = problem.free;
     result.prior_std = problem.scale;

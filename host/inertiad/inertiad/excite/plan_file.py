@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from inertiad import dynamics, information, quantity
-from inertiad.estimate import NAMES, UNITS
-from inertiad.excite.plan import FINE_RATE, Plan, Request, sampled
+from inertiad.base import quantity
+from inertiad.base.body import NAMES, UNITS
+from inertiad.base.table import Array
+from inertiad.excite.planner import FINE_RATE, Plan, Request, sampled
 from inertiad.excite.underactuated import elastic
-from inertiad.table import Array
-from inertiad.trajectory import DERIVATIVE_NAMES, POSE_NAMES, Rotation
+from inertiad.identify import fisher_information
+from inertiad.model import forward_dynamics
+from inertiad.model.trajectory import DERIVATIVE_NAMES, POSE_NAMES, Rotation
 
 
-def write_csv(path: Path, request: Request, plan: Plan, rate: float = information.REHEARSAL_RATE) -> None:
+def write_csv(path: Path, request: Request, plan: Plan, rate: float = fisher_information.REHEARSAL_RATE) -> None:
     """t, pose and derivatives, see trajectory.DERIVATIVE_NAMES.
 
     Fewer than six cables: of the level poses that are commanded, with the unstrained lengths l_1 .. l_m [m] they mean.
@@ -26,7 +28,7 @@ def write_csv(path: Path, request: Request, plan: Plan, rate: float = informatio
     names, checker = ("t", *POSE_NAMES, *DERIVATIVE_NAMES), request.checker
     n_cables = checker.model.robot.n_cables
     if n_cables < 6:
-        lengths = dynamics.lengths_at_rest(checker.mechanics, motion, elastic(checker))
+        lengths = forward_dynamics.lengths_at_rest(checker.mechanics, motion, elastic(checker))
         names, data = (*names, *quantity.lengths(n_cables)), np.hstack([data, lengths])
     np.savetxt(path, data, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
 

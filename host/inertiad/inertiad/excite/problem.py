@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import BSpline
 
-from inertiad.information import Model
-from inertiad.limits import Checker
-from inertiad.table import Array
-from inertiad.trajectory import Motion, motion_of
+from inertiad.base.table import Array
+from inertiad.excite.constraints import Checker
+from inertiad.identify.fisher_information import Model
+from inertiad.model.trajectory import Motion, motion_of
 
 Criterion = Literal["A", "D"]
 

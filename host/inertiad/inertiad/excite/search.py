@@ -12,9 +12,9 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from scipy.optimize import minimize
 
-from inertiad.error import InputError
+from inertiad.base.error import InputError
+from inertiad.base.table import Array
 from inertiad.excite.problem import Problem
-from inertiad.table import Array
 
 Progress = Callable[[str], None]
 

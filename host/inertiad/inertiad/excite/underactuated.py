@@ -2,7 +2,8 @@
 """Plans for fewer than six cables: the platform can be brought to rest where it hangs, and swings on the way.
 
 No motion can be commanded along the free directions, so what is planned are lengths: those of level poses, from rest to
-rest. Where the platform hangs on them, how it swings between, and what that tells of the body follows from dynamics.py.
+rest. Where the platform hangs on them, how it swings between, and what that tells of the body follows from
+forward_dynamics.py.
 """
 
 import itertools
@@ -11,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inertiad import dynamics, information
-from inertiad.dynamics import Moved, Plant
-from inertiad.error import InputError
-from inertiad.limits import Checker
-from inertiad.table import Array
-from inertiad.trajectory import Motion, Moves
+from inertiad.base.error import InputError
+from inertiad.base.table import Array
+from inertiad.excite.constraints import Checker
+from inertiad.identify import fisher_information
+from inertiad.model import forward_dynamics
+from inertiad.model.forward_dynamics import Moved, Plant
+from inertiad.model.trajectory import Motion, Moves
 
 CANDIDATES = 60
 """random places among which rests are chosen"""
@@ -40,7 +42,7 @@ class Rest:
 
 
 def elastic(checker: Checker) -> Plant:
-    plant = dynamics.plant("elastic", checker.model.robot)
+    plant = forward_dynamics.plant("elastic", checker.model.robot)
     assert plant is not None
     return plant
 
@@ -51,8 +53,8 @@ def _rest(checker: Checker, place: Array) -> Rest | None:
     level = Motion(p, none, none, np.eye(3)[None], none, none)
     plant = elastic(checker)
     try:
-        lengths = dynamics.lengths_at_rest(checker.mechanics, level, plant)[0]
-        motion, f = dynamics.hang(checker.mechanics, lengths, level, plant.stiffness)
+        lengths = forward_dynamics.lengths_at_rest(checker.mechanics, level, plant)[0]
+        motion, f = forward_dynamics.hang(checker.mechanics, lengths, level, plant.stiffness)
     except InputError:
         return None
     low, high = checker.range
@@ -112,7 +114,7 @@ def _in_order(checker: Checker, poses: list[Array], middle: Array) -> Array:
 
 def _swung(checker: Checker, path: Moves) -> Moved:
     mechanics = checker.mechanics
-    return dynamics.move(mechanics, mechanics, path, elastic(checker), information.REHEARSAL_RATE)
+    return forward_dynamics.move(mechanics, mechanics, path, elastic(checker), fisher_information.REHEARSAL_RATE)
 
 
 def rests(
@@ -141,10 +143,10 @@ def rests(
         if np.all((moved.f >= low) & (moved.f <= high)):
             return path, moved
         times = [SLOWER * seconds for seconds in times]
-    raise InputError(f"{n_poses} poses: {'; '.join(dynamics.spoken(moved, robot)[1:])}")
+    raise InputError(f"{n_poses} poses: {'; '.join(forward_dynamics.spoken(moved, robot)[1:])}")
 
 
 def sampled(moved: Moved) -> tuple[Motion, Array]:
     """Motion and tensions [N, m] at the rate of rehearsals."""
-    t = information.sample_times(moved)
+    t = fisher_information.sample_times(moved)
     return moved.at(t), moved.tensions(t)

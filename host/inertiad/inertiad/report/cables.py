@@ -13,12 +13,12 @@ from typing import Any, Final
 import numpy as np
 
 import inertiad_core
-from inertiad.compile import platform_size, prior
-from inertiad.estimate import Body
-from inertiad.fit import Estimate
-from inertiad.information import Model
-from inertiad.runs import Recording
-from inertiad.table import Array
+from inertiad.base.body import Body
+from inertiad.base.table import Array
+from inertiad.identify.fisher_information import Model
+from inertiad.identify.fit import Estimate
+from inertiad.robot.configuration import platform_size, prior
+from inertiad.run.reader import Recording
 
 BROKEN_BELOW: Final = 0.7
 """residual without the sensor, of the residual with it"""

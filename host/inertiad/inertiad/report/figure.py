@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from inertiad.table import Array
+from inertiad.base.table import Array
 
 Role = Literal["estimate", "truth", "nominal", "good", "care", "bad", "muted", "ink"]
 Color = Role | int

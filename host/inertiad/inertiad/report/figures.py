@@ -6,14 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from inertiad import calibrate
-from inertiad.estimate import NAMES, Body
-from inertiad.fit import Estimate
-from inertiad.report import words
-from inertiad.report.facts import Facts, Run
+from inertiad.base.body import NAMES, Body
+from inertiad.base.table import Array
+from inertiad.identify import calibrate
+from inertiad.identify.fit import Estimate
+from inertiad.report import wording
 from inertiad.report.figure import Bars, Color, Figure, Heat, Line, Mark, Panel, Points, Role, Rule, line
-from inertiad.report.words import unit_of
-from inertiad.table import Array
+from inertiad.report.report_data import Facts, Run
+from inertiad.report.wording import unit_of
 
 KINDS: Final = (("mass", range(0, 1)), ("CoG", range(1, 4)), ("inertia", range(4, 10)))
 AXES: Final = ("x", "y", "z")
@@ -203,7 +203,7 @@ def observability(facts: Facts) -> Iterator[Figure]:
         "What limits the answer",
         "Part of each parameter's variance that would go if this were known exactly. Sensor errors act together, so "
         "columns need not add up to 100 %; what is left when all is low is noise and motion.",
-        [Panel([Heat([words.spaced(n) for n in kinds], list(NAMES), share, signed=False, as_percent=True)])],
+        [Panel([Heat([wording.spaced(n) for n in kinds], list(NAMES), share, signed=False, as_percent=True)])],
         1,
         60 + 30 * len(kinds),
     )
@@ -300,7 +300,7 @@ def calibration(facts: Facts) -> Iterator[Figure]:
         return
     prior = np.maximum(facts.prior_xi, 1e-12)
     known = facts.prior_xi > 1e-9
-    labels = [words.spaced(n) for n, told in zip(calibrate.names(facts.robot.n_cables), known, strict=True) if told]
+    labels = [wording.spaced(n) for n, told in zip(calibrate.names(facts.robot.n_cables), known, strict=True) if told]
     z, half = (joint.xi / prior)[known], (joint.xi_std / prior)[known]
     marks: list[Mark] = [
         Bars(labels, [2.0] * len(labels), "before: ± 1 σ of [std]", "muted", [-1.0] * len(labels), thin=True),

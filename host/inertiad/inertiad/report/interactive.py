@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from inertiad.base.table import Array
 from inertiad.report.figure import (
     SERIES,
     Bars,
@@ -26,7 +27,6 @@ from inertiad.report.figure import (
     Scene,
     View,
 )
-from inertiad.table import Array
 
 SIGNED: Final = [[0.0, "#2563a8"], [0.5, "@ground"], [1.0, "#c2410c"]]
 MENU: Final[dict[str, Any]] = {

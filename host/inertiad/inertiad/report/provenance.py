@@ -9,8 +9,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
-from inertiad.report.facts import Facts
 from inertiad.report.figure import Table
+from inertiad.report.report_data import Facts
 
 FILES: Final = ("robot.toml", "can.log", "tracker.csv", "run.lcmlog", "truth.json", "estimate.json", "verify.json")
 PACKAGES: Final = ("numpy", "scipy", "plotly", "matplotlib", "lcm")

@@ -6,20 +6,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from inertiad import paper
-from inertiad.estimate import NAMES
+from inertiad.base.body import NAMES
+from inertiad.base.table import Array
+from inertiad.check.paper_experiment import Reproduction
+from inertiad.identify import two_step
+from inertiad.model.trajectory import MOVE_TIME
 from inertiad.report import page, printed, provenance
 from inertiad.report.figure import Figure, Mark, Panel, Points, Role, Rule, Table
 from inertiad.report.page import Page, Section, Tile
 from inertiad.report.verdict import Finding, Verdict
-from inertiad.report.words import unit_of
-from inertiad.reproduce import Reproduction
-from inertiad.robot import inertia_matrix
-from inertiad.table import Array
-from inertiad.trajectory import MOVE_TIME
+from inertiad.report.wording import unit_of
+from inertiad.robot.description import inertia_matrix
 
 Z95: Final = 1.96
-TABLE_III: Final = np.subtract(paper.ESTIMATED, paper.NOMINAL)
+TABLE_III: Final = np.subtract(two_step.ESTIMATED, two_step.NOMINAL)
 FAR_OFF: Final = 0.08
 """m: CoG errors beyond this are of the paper's size"""
 ALIKE: Final = 3.0
@@ -49,7 +49,7 @@ def beside(found: Reproduction) -> Table:
     for i, name in enumerate(NAMES):
         unit, k = unit_of(i)
         n = _digits(i)
-        numbers = [k * paper.NOMINAL[i], k * paper.ESTIMATED[i]]
+        numbers = [k * two_step.NOMINAL[i], k * two_step.ESTIMATED[i]]
         errors = [k * two[i], k * ours[i], k * float(np.median(std[:, i]))]
         cells = [f"{v:.{n}f}" for v in numbers] + [f"{k * TABLE_III[i]:+.{n}f}"] + [f"{v:.{n}f}" for v in errors]
         rows.append([name, unit, *cells, f"{two[i] / max(ours[i], 1e-12):.0f} x", f"{100 * covered[i]:.0f} %"])
@@ -105,7 +105,7 @@ def _slack(found: Reproduction) -> Figure:
     marks: list[Mark] = [
         Points(labels, each, "paper's two steps", "truth"),
         Points(labels, ours, "joint fit, same data", "estimate"),
-        Rule(slack(paper.ESTIMATED[4:]), "Table III, the robot", "nominal"),
+        Rule(slack(two_step.ESTIMATED[4:]), "Table III, the robot", "nominal"),
         Rule(0.0, "", "bad"),
     ]
     caption = (
@@ -145,7 +145,7 @@ def judge(found: Reproduction) -> Verdict:
         Finding(
             "good",
             f"{found.n_impossible} of {n} two-step results are no body: their pseudo-inertia is not positive; "
-            f"Table III's is none either, by {-slack(paper.ESTIMATED[4:]):.1f} kg m²",
+            f"Table III's is none either, by {-slack(two_step.ESTIMATED[4:]):.1f} kg m²",
         ),
         Finding(
             "good" if gain > 1.0 else "bad",

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 import inertiad_core
-from inertiad import runs
-from inertiad.estimate import Body
-from inertiad.report.facts import Facts
+from inertiad.base.body import Body
+from inertiad.base.table import Array
 from inertiad.report.figure import Color, Dots3, Mesh3, Path3, Scene, View
-from inertiad.robot import Robot, inertia_matrix
-from inertiad.table import Array
+from inertiad.report.report_data import Facts
+from inertiad.robot.description import Robot, inertia_matrix
+from inertiad.run import reader
 
 N_AROUND, N_UP = 28, 14
 FLAT = 0.999
@@ -93,7 +93,7 @@ def _edges(corner: Array, hull: ConvexHull) -> Array:
 
 def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
     robot = facts.robot
-    u, free, _ = inertiad_core.cable_geometry(runs.config_of(robot, robot.name), p[None], R[None])
+    u, free, _ = inertiad_core.cable_geometry(reader.config_of(robot, robot.name), p[None], R[None])
     corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
     leave = corner + u[0] * free[0][:, None]
     check = facts.force_check

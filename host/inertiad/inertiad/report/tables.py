@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 
-from inertiad import calibrate
-from inertiad.estimate import NAMES
-from inertiad.report import figures, words
-from inertiad.report.facts import Facts
+from inertiad.base.body import NAMES
+from inertiad.identify import calibrate
+from inertiad.report import figures, wording
 from inertiad.report.figure import Table
-from inertiad.report.words import number, unit_of
+from inertiad.report.report_data import Facts
+from inertiad.report.wording import number, unit_of
 
 HARDLY: Final = 0.9
 """sigma after, of before: the runs told nothing"""
@@ -48,7 +48,8 @@ def methods(facts: Facts) -> Table:
     for i, name in enumerate(NAMES):
         unit, k = unit_of(i)
         cells = [
-            words.shown(k * b.value[i], k * b.std[i]) if b.std[i] > 0 else f"{k * b.value[i]:.2f}" for _, b, _ in found
+            wording.shown(k * b.value[i], k * b.std[i]) if b.std[i] > 0 else f"{k * b.value[i]:.2f}"
+            for _, b, _ in found
         ]
         rows.append([name, unit, *cells])
     return Table(["", "unit", *(name for name, _, _ in found)], rows)
@@ -59,12 +60,12 @@ def calibration(facts: Facts) -> Table:
     joint = facts.joint
     assert joint is not None and joint.xi is not None and joint.xi_std is not None
     rows, faint = [], []
-    parameters = zip(calibrate.names(facts.robot.n_cables), words.factors(facts.robot.n_cables), strict=True)
+    parameters = zip(calibrate.names(facts.robot.n_cables), wording.factors(facts.robot.n_cables), strict=True)
     for i, (name, (k, unit)) in enumerate(parameters):
         std, before = k * joint.xi_std[i], k * facts.prior_xi[i]
         if std > HARDLY * before:
             faint.append(i)
-        rows.append([words.spaced(name), unit, number(k * joint.xi[i], std, True), number(std, std), f"{before:.3g}"])
+        rows.append([wording.spaced(name), unit, number(k * joint.xi[i], std, True), number(std, std), f"{before:.3g}"])
     foot = (
         "Corrections to robot.toml's [calibration]. Grey: these runs did not tell it. inertiactl calibrate keeps them."
     )

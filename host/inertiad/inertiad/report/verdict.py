@@ -8,11 +8,12 @@ from typing import Final, Literal
 
 import numpy as np
 
-from inertiad import calibrate, verify
-from inertiad.estimate import NAMES
-from inertiad.report import words
-from inertiad.report.facts import GAP, Facts, apart
-from inertiad.report.words import shown
+from inertiad.base.body import NAMES
+from inertiad.check import verify
+from inertiad.identify import calibrate
+from inertiad.report import wording
+from inertiad.report.report_data import GAP, Facts, apart
+from inertiad.report.wording import shown
 
 Level = Literal["good", "care", "bad"]
 
@@ -117,7 +118,7 @@ def _bodies(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             "bad",
             f"{name} and {first.name} saw different bodies: {NAMES[i]} differs by "
-            f"{words.difference(i, run.estimate.body.value[i] - first.estimate.body.value[i])}, {gap[i]:.0f} sigma",
+            f"{wording.difference(i, run.estimate.body.value[i] - first.estimate.body.value[i])}, {gap[i]:.0f} sigma",
             "report runs of one body together, others apart; with a known added weight use inertiactl calibrate",
         )
 
@@ -137,7 +138,7 @@ def _calibration(facts: Facts) -> Iterator[Finding]:
         return
     far = np.abs(joint.xi) / np.maximum(facts.prior_xi, 1e-12)
     labels = calibrate.names(facts.robot.n_cables)
-    factor = words.factors(facts.robot.n_cables)
+    factor = wording.factors(facts.robot.n_cables)
     for i in np.argsort(-far)[:3]:
         if far[i] > FAR:
             k, unit = factor[i]
@@ -264,7 +265,7 @@ def limits(facts: Facts) -> str:
     i = part.start + int(np.argmax(u.found[part]))
     kind = max(u.share, key=lambda name: u.share[name][i])
     if u.share[kind][i] > MOST:
-        return f"{NAMES[i]}: {100 * u.share[kind][i]:.0f} % of the variance is {words.spaced(kind)}; {ADVICE[kind]}"
+        return f"{NAMES[i]}: {100 * u.share[kind][i]:.0f} % of the variance is {wording.spaced(kind)}; {ADVICE[kind]}"
     return f"{NAMES[i]} is limited by noise and motion: record for longer, or plan a motion with inertiactl excite"
 
 
@@ -298,7 +299,7 @@ def _agreement(facts: Facts) -> Iterator[Finding]:
         z = (np.array(facts.joint.body.value) - facts.nominal.value) / np.array(facts.joint.body.std)
         i = int(np.argmax(np.abs(z)))
         if abs(z[i]) > SIGMAS:
-            change = words.difference(i, facts.joint.body.value[i] - facts.nominal.value[i])
+            change = wording.difference(i, facts.joint.body.value[i] - facts.nominal.value[i])
             yield Finding(
                 "care",
                 f"{NAMES[i]} is {change} from nominal, {abs(z[i]):.0f} sigma",

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+/// All sizes of the core, fixed at build time. Nothing here depends on a robot; what does is in ipe_config_t.
+#ifndef IPE_DIMS_H
+#define IPE_DIMS_H
+
+enum {
+    IPE_CABLES_MAX = 16,
+    IPE_BUSES_MAX = 8,
+    IPE_SIGNALS_MAX = 64,
+    IPE_DATA_MAX = 64,                            ///< bytes in a CAN FD frame
+    IPE_NP = 10,                                  ///< inertial parameters: m, h (3), J (6)
+    IPE_NY = 6,                                   ///< equations of a window: force and moment
+
+    IPE_XI_FILTER_MAX = 11 + 2 * IPE_CABLES_MAX,  ///< systematic parameters that the filter estimates, systematic.h
+    IPE_XI_MAX = IPE_XI_FILTER_MAX + 4,           ///< and with those that only the host's fit estimates
+    IPE_PATTERNS = 2,                             ///< patterns of misplaced attachments, filter_states.h
+    IPE_WANDERS = 3,                              ///< states of the attitude's wander
+    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX + 3 * IPE_PATTERNS + IPE_WANDERS,  ///< states of the filter
+    IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,  ///< elements of the unit upper triangle of P's factor
+
+    IPE_MOTION_NP = 8,         ///< parameters that the motion stage's errors depend on, types.h
+    IPE_NOISE_LAGS = 25,       ///< windows over which residuals are taken to be correlated: 2.5 s at a window of 0.4 s
+    IPE_WINDOWS_OPEN = 4,      ///< a new window every quarter of its length
+    IPE_WINDOW_MEASURED = 24,  ///< intervals looked at before the sample period is believed
+};
+
+#endif

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs to and from the files of other tools (file_formats.py), identified bodies to them (body_formats.py)."""
+
+import difflib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from inertiad.base import quantity
+from inertiad.base.error import InputError
+from inertiad.exchange import body_formats, dataset, file_formats
+from inertiad.exchange.dataset import Dataset, Sheet
+from inertiad.robot import description
+from inertiad.run import canlog, encode
+
+
+def _check(form: str) -> None:
+    known = [*file_formats.FORMATS, *body_formats.FORMATS]
+    if form not in known:
+        near = difflib.get_close_matches(form, known, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise InputError(f'--to "{form}": unknown format: allowed: {", ".join(known)}{hint}')
+
+
+def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, remarks: list[str]) -> list[str]:
+    """Write a run, or its identified body, in one of the known formats; says what is in which file.
+
+    remarks: what the run lacks and where it is damaged. InputError: unknown format, nothing to export, a package that
+    is not installed.
+    """
+    _check(form)
+    if form in body_formats.FORMATS:
+        body = body_formats.read(run)
+        body_formats.write(output, body, form)
+        return [f"{output}: mass {body.mass:.6g} kg"]
+    data = dataset.read(run, robot, prefix, remarks)
+    written = file_formats.FORMATS[form].write(output, data)
+    contents = [f"{sheet.name} {len(sheet)}" for sheet in data.all()]
+    if form == "candump" and data.frames is not None:
+        contents = [f"frames {len(data.frames)}"]
+    if len(written) == 1:
+        return [f"{output}: {', '.join(contents)}"]
+    return [f"{path}: {what}" for path, what in zip(written, contents, strict=True)]
+
+
+def _reader(path: Path) -> Callable[[Path], Dataset]:
+    ending = path.suffix.lower()
+    if ending in (*canlog.OTHER_FORMATS, ".txt") and ending != ".mf4":
+        return file_formats.read_can
+    for form in file_formats.FORMATS.values():
+        if form.ending == ending:
+            return form.read
+    known = sorted({*(f.ending for f in file_formats.FORMATS.values()), *canlog.OTHER_FORMATS})
+    raise InputError(f"{path}: unknown ending: allowed: {', '.join(known)}")
+
+
+def _valid_positions(sheet: Sheet) -> Sheet:
+    """The columns of tracker.csv, of the samples that count."""
+    chosen = sheet.columns.get("valid", np.ones(len(sheet), np.bool_))
+    names = [name for name in (*"xyz", *quantity.QUATERNION) if name in sheet.columns]
+    return Sheet(sheet.name, sheet.t_ns[chosen], {name: sheet.columns[name][chosen] for name in names})
+
+
+def _write_run(data: Dataset, folder: Path) -> Iterator[str]:
+    for name, kept in (("signals", lambda sheet: sheet), ("tracker", _valid_positions)):
+        if name in data.sheets:
+            sheet = kept(data.sheets[name])
+            dataset.write_csv(folder / f"{name}.csv", sheet, with_units=False)
+            yield f"{folder / name}.csv: {len(sheet)} rows"
+    if data.frames is not None:
+        file_formats.write_candump(folder / "can.log", data)
+        yield f"{folder / 'can.log'}: {len(data.frames)} frames"
+
+
+def import_file(file: Path, folder: Path, robot: Path | None, remarks: list[str]) -> list[str]:
+    """A file of another tool -> a run folder with what of can.log, tracker.csv, signals.csv is in it.
+
+    remarks: what is left out or damaged. InputError: unknown ending, unusable file, nothing of a run in it.
+    """
+    if not file.exists():
+        raise InputError(f"{file}: No such file or directory")
+    data = _reader(file)(file)
+    if data.frames is not None:
+        remarks.extend(data.frames.remarks)
+    left = [name for name in data.sheets if name not in ("signals", "tracker")]
+    if left:
+        remarks.append(f"{file}: {', '.join(left)}: left out, the daemon and fit make them anew")
+    encode.open_run(folder)
+    written = list(_write_run(data, folder))
+    if not written:
+        raise InputError(f"{file}: no signals, positions or CAN frames in it")
+    if robot is not None:
+        encode.write_robot(folder, description.load(robot), description.read_data(robot))
+    return written

@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: Apache-2.0
+"""File formats of other tools, each with its writer and, beside it, its reader.
+
+csv       one file per sheet: FILE holds the first, FILE's stem.SHEET.csv the others; heads with units
+parquet   likewise; the unit is the metadata "unit" of each field
+mcap      a channel per sheet, JSON messages with a JSON schema whose descriptions are the units: Foxglove, PlotJuggler
+mat       MATLAB 5: a struct per sheet, and a struct units; t in s, t_ns exact
+mf4       ASAM MDF 4.1: a channel group per sheet, t_ns exact; CAN frames as bus logging, for tools that know DBC
+candump   can-utils' log: the frames alone, stamps in us
+"""
+
+import gc
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from inertiad.base import units
+from inertiad.base.error import InputError
+from inertiad.exchange import dataset
+from inertiad.exchange.dataset import Dataset, Sheet
+from inertiad.run import canlog
+from inertiad.run.canlog import CanLog
+
+NOTE: Final = "inertiad: SI units; W world, z up; I sensor axes; inertia as matrix entries about the CoG"
+
+
+def _package(name: str, form: str) -> Any:
+    """A package that not every installation has. InputError: it is not there."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        root = name.partition(".")[0]
+        raise InputError(
+            f"{form}: needs the Python package {root}: allowed: after pip install 'inertiad[export]'"
+        ) from None
+
+
+def dataset_of(found: list[Sheet], source: str, frames: CanLog | None = None) -> Dataset:
+    """What a file held; a sheet of frames becomes CAN frames again. InputError: nothing, or it is damaged."""
+    by_name = {sheet.name: sheet for sheet in found if len(sheet)}
+    if "frames" in by_name:
+        frames = dataset.frames_of(by_name.pop("frames"), source)
+    if not by_name and frames is None:
+        raise InputError(f"{source}: nothing of a run in it")
+    return Dataset({name: by_name[name] for name in dataset.NAMES if name in by_name}, frames, source)
+
+
+def _sheet(name: str, columns: dict[str, Any], source: str) -> Sheet:
+    """A sheet from columns as a reader gives them; t_ns is exact, t serves where it is missing."""
+    exact, t = columns.pop("t_ns", None), columns.pop("t", None)
+    try:
+        t_ns = (
+            np.asarray(exact, np.int64) if exact is not None else np.rint(1e9 * np.asarray(t, float)).astype(np.int64)
+        )
+        return Sheet(name, t_ns, {key: dataset.typed(name, key, values) for key, values in columns.items()})
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{source}: {name}: {error}") from None
+
+
+# ---- one file per sheet: CSV, Parquet --------------------------------------------------------------------------------
+
+
+def _beside(path: Path, name: str) -> Path:
+    return path.with_name(f"{path.stem}.{name}{path.suffix}")
+
+
+def _write_each(path: Path, data: Dataset, write: Callable[[Path, Sheet], None]) -> list[Path]:
+    written: list[Path] = []
+    for sheet in data.all():
+        target = _beside(path, sheet.name) if written else path
+        write(target, sheet)
+        written.append(target)
+    return written
+
+
+def _read_each(path: Path, read: Callable[[Path], Sheet]) -> Dataset:
+    beside = [_beside(path, name) for name in dataset.NAMES]
+    return dataset_of([read(file) for file in (path, *beside) if file.exists()], str(path))
+
+
+def write_csv(path: Path, data: Dataset) -> list[Path]:
+    """Comma-separated text."""
+    return _write_each(path, data, dataset.write_csv)
+
+
+def read_csv(path: Path) -> Dataset:
+    """The CSV files of an export, or one CSV file from anywhere."""
+    return _read_each(path, dataset.read_csv)
+
+
+def _write_parquet_sheet(path: Path, sheet: Sheet) -> None:
+    arrow = _package("pyarrow", "parquet")
+    columns = {"t": sheet.t, "t_ns": sheet.t_ns, **sheet.columns}
+    arrays = {name: arrow.array(values) for name, values in columns.items()}
+    fields = [arrow.field(name, a.type, metadata={"unit": units.of(name)}) for name, a in arrays.items()]
+    schema = arrow.schema(fields, metadata={"sheet": sheet.name, "note": NOTE})
+    _package("pyarrow.parquet", "parquet").write_table(arrow.table(arrays, schema=schema), path)
+
+
+def _read_parquet_sheet(path: Path) -> Sheet:
+    arrow = _package("pyarrow", "parquet")
+    try:
+        table = _package("pyarrow.parquet", "parquet").read_table(path)
+    except (arrow.ArrowException, OSError) as error:
+        raise InputError(f"{path}: not a usable Parquet file: {error}") from None
+    if not {"t", "t_ns"} & set(table.column_names):
+        raise InputError(f"{path}: no column t: allowed: t in s, or t_ns")
+    metadata = table.schema.metadata or {}
+    name = metadata.get(b"sheet", dataset.name_of(table.column_names).encode()).decode()
+    return _sheet(name, {key: table[key].to_pylist() for key in table.column_names}, str(path))
+
+
+def write_parquet(path: Path, data: Dataset) -> list[Path]:
+    """Apache Parquet."""
+    return _write_each(path, data, _write_parquet_sheet)
+
+
+def read_parquet(path: Path) -> Dataset:
+    """The Parquet files of an export, or one from anywhere."""
+    return _read_each(path, _read_parquet_sheet)
+
+
+# ---- MCAP ------------------------------------------------------------------------------------------------------------
+
+_JSON_TYPE: Final = {"f": ["number", "null"], "i": "integer", "b": "boolean", "O": "string"}
+
+
+def _json_schema(sheet: Sheet) -> bytes:
+    properties = {
+        name: {"type": _JSON_TYPE[values.dtype.kind], "description": units.of(name)}
+        for name, values in sheet.columns.items()
+    }
+    stamp = {"type": "integer", "description": "ns"}
+    schema = {"title": sheet.name, "type": "object", "properties": {"t_ns": stamp, **properties}, "description": NOTE}
+    return json.dumps(schema).encode()
+
+
+def _finite_or_none(values: Any) -> list[Any]:
+    """JSON knows no NaN."""
+    listed = values.tolist()
+    return [v if np.isfinite(v) else None for v in listed] if values.dtype.kind == "f" else listed
+
+
+def write_mcap(path: Path, data: Dataset) -> list[Path]:
+    """MCAP with JSON messages; log time is host time."""
+    Writer = _package("mcap.writer", "mcap").Writer
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="inertiad")
+        for sheet in data.all():
+            schema = writer.register_schema(sheet.name, "jsonschema", _json_schema(sheet))
+            channel = writer.register_channel(f"/{sheet.name}", "json", schema)
+            names = ("t_ns", *sheet.columns)
+            lists = [sheet.t_ns.tolist(), *map(_finite_or_none, sheet.columns.values())]
+            for k, row in enumerate(zip(*lists, strict=True)):
+                message = json.dumps(dict(zip(names, row, strict=True))).encode()
+                writer.add_message(channel, max(row[0], 0), message, max(row[0], 0), k)
+            writer.add_metadata(f"units of {sheet.name}", {name: units.of(name) for name in names})
+        writer.finish()
+    return [path]
+
+
+def read_mcap(path: Path) -> Dataset:
+    """The JSON channels of an MCAP file. InputError: damaged, or no JSON in it."""
+    reader = _package("mcap.reader", "mcap")
+    rows: dict[str, list[dict[str, Any]]] = {}
+    with path.open("rb") as file:
+        try:
+            for _, channel, message in reader.make_reader(file).iter_messages(log_time_order=False):
+                if channel.message_encoding == "json":
+                    stamp = {"t_ns": message.log_time}
+                    rows.setdefault(channel.topic.strip("/"), []).append(stamp | json.loads(message.data))
+        except (_package("mcap.exceptions", "mcap").McapError, ValueError, EOFError) as error:
+            raise InputError(f"{path}: not a usable MCAP file: {error or type(error).__name__}") from None
+    found = []
+    for topic, listed in rows.items():
+        name = topic if topic in dataset.NAMES else dataset.name_of(listed[0])
+        columns = {key: [np.nan if row.get(key) is None else row[key] for row in listed] for key in listed[0]}
+        found.append(_sheet(name, columns, str(path)))
+    return dataset_of(found, str(path))
+
+
+# ---- MATLAB ----------------------------------------------------------------------------------------------------------
+
+
+def write_mat(path: Path, data: Dataset) -> list[Path]:
+    """MATLAB 5: every column is N x 1; text is a cell array."""
+    from scipy.io import savemat
+
+    contents: dict[str, Any] = {"note": NOTE}
+    named: dict[str, dict[str, str]] = {}
+    for sheet in data.all():
+        columns = {"t": sheet.t, "t_ns": sheet.t_ns, **sheet.columns}
+        contents[sheet.name] = {name: values.reshape(-1, 1) for name, values in columns.items()}
+        named[sheet.name] = {name: units.of(name) for name in columns}
+    savemat(path, contents | {"units": named}, long_field_names=True, do_compression=True)
+    return [path]
+
+
+def _mat_column(values: Any) -> list[Any]:
+    flat = np.asarray(values).ravel()
+    return ["".join(np.asarray(cell).ravel().tolist()) for cell in flat] if flat.dtype == object else flat.tolist()
+
+
+def read_mat(path: Path) -> Dataset:
+    """The structs of a MATLAB 5 file that have a column t."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        contents = loadmat(path)
+    except (ValueError, NotImplementedError, MatReadError, OSError, TypeError) as error:
+        raise InputError(f"{path}: not a usable MATLAB 5 file: {error}") from None
+    found = []
+    for name in dataset.NAMES:
+        if name in contents and contents[name].dtype.names and {"t", "t_ns"} & set(contents[name].dtype.names):
+            struct = contents[name][0, 0]
+            columns = {key: _mat_column(struct[key]) for key in struct.dtype.names}
+            found.append(_sheet(name, columns, str(path)))
+    return dataset_of(found, str(path))
+
+
+# ---- ASAM MDF --------------------------------------------------------------------------------------------------------
+
+_FD_LENGTHS: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_FRAME_KINDS: Final = (("CAN_DataFrame", 0), ("CAN_RemoteFrame", canlog.REMOTE), ("CAN_ErrorFrame", canlog.ERROR))
+
+
+def _start_us(data: Dataset) -> int:
+    """Host time at which the file begins, us: MDF's times are seconds from there."""
+    times = [sheet.t_ns for sheet in data.sheets.values()] + ([data.frames.t_ns] if data.frames is not None else [])
+    return min(int(t.min()) for t in times) // 1000
+
+
+def _bus_records(log: CanLog, kind: str) -> Any:
+    """Frames as the structured array that MDF's bus logging asks for."""
+    width = log.data.shape[1]
+    fields = [
+        (f"{kind}.{name}", "<u1") for name in ("BusChannel", "IDE", "DLC", "DataLength", "EDL", "BRS", "ESI", "Dir")
+    ]
+    records = np.zeros(len(log), [*fields, (f"{kind}.ID", "<u4"), (f"{kind}.DataBytes", "<u1", (width,))])
+    dlc = np.searchsorted(_FD_LENGTHS, log.length)
+    is_remote = kind == "CAN_RemoteFrame"
+    extended = (log.can_id & np.uint32(canlog.EXTENDED)) != 0
+    values = {
+        "BusChannel": log.bus,
+        "ID": log.can_id & np.uint32(0x1FFFFFFF),
+        "IDE": extended,
+        "DLC": dlc,
+        "DataLength": np.where(is_remote, 0, log.length),
+        "EDL": (log.flags & canlog.FD) != 0,
+        "BRS": (log.flags & canlog.BRS) != 0,
+        "ESI": (log.flags & canlog.ESI) != 0,
+        "DataBytes": log.data,
+    }
+    for name, column in values.items():
+        records[f"{kind}.{name}"] = column
+    return records
+
+
+def _append_frames(mdf: Any, log: CanLog, start_us: int) -> None:
+    from asammdf import Signal, Source
+
+    bus = Source(name="CAN", path="CAN", comment="", source_type=2, bus_type=2)  # a bus, CAN
+    for kind, bit in _FRAME_KINDS:
+        chosen = (log.can_id & np.uint32(canlog.REMOTE | canlog.ERROR)) == np.uint32(bit)
+        if not chosen.any() and bit:
+            continue
+        part = log[chosen]
+        seconds = 1e-9 * (part.t_ns - 1000 * start_us)
+        mdf.append(Signal(samples=_bus_records(part, kind), timestamps=seconds, name=kind, source=bus), comment=kind)
+
+
+def _mf4_samples(values: Any) -> Any:
+    if values.dtype == object:
+        encoded = [text.encode() for text in values]
+        return np.array(encoded, dtype=f"S{max(1, *map(len, encoded))}")
+    return values.astype(np.uint8) if values.dtype == np.bool_ else values
+
+
+def write_mf4(path: Path, data: Dataset) -> list[Path]:
+    """ASAM MDF 4.10."""
+    from asammdf import MDF, Signal
+
+    start_us = _start_us(data)
+    with MDF(version="4.10") as mdf:
+        mdf.header.start_time = _EPOCH + timedelta(microseconds=start_us)
+        mdf.header.comment = NOTE
+        for sheet in data.sheets.values():
+            seconds = 1e-9 * (sheet.t_ns - 1000 * start_us)
+            group = [
+                Signal(
+                    _mf4_samples(v), seconds, unit=units.of(n), name=n, encoding="utf-8" if v.dtype == object else None
+                )
+                for n, v in {"t_ns": sheet.t_ns, **sheet.columns}.items()
+            ]
+            mdf.append(group, acq_name=sheet.name, comment=sheet.name, common_timebase=True)
+        if data.frames is not None:
+            _append_frames(mdf, data.frames, start_us)
+        mdf.save(path, overwrite=True, compression=1)
+    return [path]
+
+
+def _mf4_sheet(mdf: Any, index: int, name: str, start_us: int) -> Sheet:
+    masters = (2, 3)  # the time itself, stored or virtual
+    channels = mdf.groups[index].channels
+    signals = mdf.select([(None, index, k) for k, c in enumerate(channels) if c.channel_type not in masters])
+    columns = {
+        s.name: [v.decode() for v in s.samples.tolist()] if s.samples.dtype.kind == "S" else s.samples for s in signals
+    }
+    t_ns = 1000 * start_us + np.rint(1e9 * signals[0].timestamps).astype(np.int64)
+    return _sheet(name, {"t_ns": t_ns} | columns, str(mdf.name))
+
+
+@contextmanager
+def _silent_destructors() -> Iterator[None]:
+    """asammdf prints a traceback when it drops a file that it could not open."""
+    was, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+    finally:
+        gc.collect()
+        sys.unraisablehook = was
+
+
+def read_mf4(path: Path) -> Dataset:
+    """The channel groups named as sheets, and the logged CAN frames."""
+    with _silent_destructors():
+        found, has_frames, reason = _read_mf4(path)
+    if reason:
+        raise InputError(f"{path}: not a usable MDF 4 file: {reason}")
+    return dataset_of(found, str(path), canlog.read(path) if has_frames else None)
+
+
+def _read_mf4(path: Path) -> tuple[list[Sheet], bool, str]:
+    """Sheets, whether there are frames, and why it is not usable, "" if it is."""
+    from asammdf import MDF
+
+    try:
+        with MDF(path) as opened:
+            mdf: Any = opened
+            names = [group.channel_group.acq_name for group in mdf.groups]
+            has_frames = any(c.name in dict(_FRAME_KINDS) for group in mdf.groups for c in group.channels)
+            start_us = (mdf.header.start_time - _EPOCH) // timedelta(microseconds=1)
+            return [_mf4_sheet(mdf, i, n, start_us) for i, n in enumerate(names) if n in dataset.NAMES], has_frames, ""
+    except InputError:
+        raise
+    except Exception as error:  # its reader raises several unrelated types
+        return [], False, " ".join(str(error).split()) or type(error).__name__
+
+
+# ---- CAN logs --------------------------------------------------------------------------------------------------------
+
+
+def write_candump(path: Path, data: Dataset) -> list[Path]:
+    """The frames as candump lines. InputError: the run has none."""
+    if data.frames is None:
+        raise InputError(f"{data.source}: no CAN frame in it: allowed with candump: a run that has some")
+    path.write_bytes(b"".join(canlog.lines(data.frames)))
+    return [path]
+
+
+def read_can(path: Path) -> Dataset:
+    """The frames of a CAN log of any kind that canlog reads."""
+    return dataset_of([], str(path), canlog.read(path))
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file format by name."""
+
+    write: Callable[[Path, Dataset], list[Path]]
+    """returns the files written"""
+    read: Callable[[Path], Dataset]
+    ending: str
+
+
+FORMATS: Final = {
+    "csv": Format(write_csv, read_csv, ".csv"),
+    "parquet": Format(write_parquet, read_parquet, ".parquet"),
+    "mcap": Format(write_mcap, read_mcap, ".mcap"),
+    "mat": Format(write_mat, read_mat, ".mat"),
+    "mf4": Format(write_mf4, read_mf4, ".mf4"),
+    "candump": Format(write_candump, read_can, ".log"),
+}

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the command line asks for: its words to numbers, limits and the plan that answers."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from inertiad.base.error import InputError
+from inertiad.base.table import Array
+from inertiad.excite.constraints import Checker, Limits
+from inertiad.excite.planner import Plan, Request, moves, optimal, shortest, static_poses
+from inertiad.excite.problem import REST, Criterion
+from inertiad.excite.search import Progress
+from inertiad.identify.fisher_information import Model
+from inertiad.model import trajectory
+from inertiad.robot import description
+from inertiad.robot.messages import nearest
+
+MOTIONS = ("optimal", "paper")
+
+
+def numbers(text: str, n: int, option: str, meaning: str) -> Array:
+    """n numbers with commas between. InputError: they are not."""
+    try:
+        values = np.array([float(cell) for cell in text.split(",")])
+    except ValueError:
+        values = np.empty(0)
+    if values.shape != (n,) or not np.isfinite(values).all():
+        raise InputError(f'{option} "{text}": allowed: {n} numbers, {meaning}')
+    return values
+
+
+def pose_from(text: str, option: str) -> Array:
+    """x,y,z in m and roll,pitch,yaw in degrees -> [6], m and rad."""
+    pose = numbers(text, 6, option, "x,y,z in m and roll,pitch,yaw in degrees")
+    return np.concatenate([pose[:3], np.deg2rad(pose[3:])])
+
+
+def default_box(model: Model) -> Array:
+    """Least and greatest x y z [6], m: a quarter of the anchors' reach about their middle, 27 to 50 % of their height.
+
+    Heights count from the world's z = 0, or from the lowest anchor where that is below it.
+    """
+    anchor = np.array([cable.anchor for cable in model.robot.cable])
+    low, high = anchor.min(axis=0), anchor.max(axis=0)
+    middle, reach = 0.5 * (low + high), 0.125 * (high - low)
+    floor, top = min(0.0, low[2]), low[2]
+    z = (floor + 0.27 * (top - floor), floor + 0.5 * (top - floor)) if top > floor else (high[2] + 1.0, high[2] + 2.0)
+    return np.array([*(middle - reach)[:2], z[0], *(middle + reach)[:2], z[1]])
+
+
+def wanted_sigma(text: str, model: Model) -> Array:
+    """ "mass=0.2%,cog=1mm,inertia=1%" -> sigma [10]; percentages of the mass and of the mean moment of inertia."""
+    wanted, moment = np.full(10, np.inf), float(np.mean(model.body.inertia_cog[:3]))
+    kinds = {
+        "mass": (slice(0, 1), {"%": 0.01 * model.body.mass, "kg": 1.0}),
+        "cog": (slice(1, 4), {"mm": 1e-3, "m": 1.0}),
+        "inertia": (slice(4, 10), {"%": 0.01 * moment, "kgm2": 1.0}),
+    }
+    for item in text.split(","):
+        key, _, value = item.strip().partition("=")
+        where, units = kinds.get(key, (slice(0), {}))
+        unit = next((u for u in units if value.endswith(u)), None)
+        try:
+            number = float(value.removesuffix(unit or "?"))
+        except ValueError:
+            number = -1.0
+        if unit is None or not number > 0.0:
+            raise InputError(f'--sigma "{item}": allowed: mass=0.2% or kg, cog=1mm or m, inertia=1% or kgm2')
+        wanted[where] = number * units[unit]
+    return wanted
+
+
+def limits_from(model: Model, box: str | None, tilt: float, yaw: float, speed: float, acceleration: float) -> Limits:
+    """Limits of the command line; degrees, m, s. InputError: the box is empty."""
+    edges = default_box(model) if box is None else numbers(box, 6, "--box", "x_min,y_min,z_min,x_max,y_max,z_max in m")
+    if not np.all(edges[:3] < edges[3:]):
+        raise InputError(f'--box "{box}": allowed: every minimum below its maximum')
+    angle = np.deg2rad([tilt, yaw])
+    return Limits(
+        edges[:3], edges[3:], float(angle[0]), float(angle[1]), speed, acceleration, clearance=0.03, margin=0.1
+    )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The command line's words; see `inertiactl excite -h`."""
+
+    motion: str = "optimal"
+    duration: float = 20.0
+    sigma: str | None = None
+    poses: int = 0
+    hold: float = 3.0
+    start: str | None = None
+    end: str | None = None
+    criterion: str = "A"
+    box: str | None = None
+    tilt: float = 30.0
+    yaw: float = 35.0
+    speed: float = 4.0
+    acceleration: float = 2.0
+
+
+def _request(robot_file: Path, asked: Asked, n_starts: int, seed: int) -> Request:
+    if asked.motion not in MOTIONS:
+        hint = nearest(asked.motion, MOTIONS)
+        raise InputError(f'--motion "{asked.motion}": allowed: {", ".join(MOTIONS)}{hint}')
+    robot = description.load(robot_file)
+    if robot.nominal is None:
+        raise InputError(f"{robot_file}: no [nominal] body: excite needs one to plan tensions with")
+    if asked.criterion not in ("A", "D"):
+        raise InputError(f'--criterion "{asked.criterion}": allowed: A, D')
+    model = Model(robot, str(robot_file), robot.nominal)
+    limits = limits_from(model, asked.box, asked.tilt, asked.yaw, asked.speed, asked.acceleration)
+    if asked.motion == "paper":  # the poses are given: only what the robot cannot do is refused
+        far = np.full(3, 1e4)
+        limits = replace(limits, low=-far, high=far, tilt=np.deg2rad(80.0), yaw=np.pi, margin=0.0)
+    middle = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
+    start = middle if asked.start is None else pose_from(asked.start, "--start")
+    criterion: Criterion = "A" if asked.criterion == "A" else "D"
+    return Request(Checker(model, limits), start, criterion, n_starts, seed)
+
+
+def _paper(request: Request, asked: Asked) -> Plan:
+    """There and back between two poses, those of the paper where none are given."""
+    start = request.start if asked.start is not None else trajectory.PAPER_PAIRS[0, 0]
+    end = trajectory.PAPER_PAIRS[0, 1] if asked.end is None else pose_from(asked.end, "--end")
+    return moves(request, np.array([start, end, start]), REST, "paper")
+
+
+def plan(robot_file: Path, asked: Asked, n_starts: int, seed: int, progress: Progress) -> tuple[Request, Plan]:
+    """What the command line asks for. InputError: it cannot be had, and which limit is in the way."""
+    request = _request(robot_file, asked, n_starts, seed)
+    if asked.poses:
+        return request, static_poses(request, asked.poses, asked.hold, progress)
+    if asked.motion == "paper":
+        return request, _paper(request, asked)
+    if asked.sigma is not None:
+        return request, shortest(request, wanted_sigma(asked.sigma, request.checker.model), progress)
+    return request, optimal(request, asked.duration, progress)

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the sources of a run lie in time: delays with error bars, trigger edges, the host's clock, and what is at stake.
+
+The tracker's delay against the IMU comes from the motion of both alone (time_delay.py), the forces' from the wrench
+balance with the tracker's put right (batch.hpp). sync.json holds both and, under "calibration", what robot.toml's
+[calibration] takes in with sync = "sync.json".
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import inertiad_core
+from inertiad.base.error import InputError
+from inertiad.base.table import Array
+from inertiad.identify import fit, time_delay
+from inertiad.identify.time_delay import Delay
+from inertiad.robot import configuration, dbc, description
+from inertiad.robot.description import Position, Robot
+from inertiad.run import canlog, encode, host_info, reader, tracker_csv
+from inertiad.run.canlog import CanLog
+
+MARGIN: Final = 0.3
+"""s, the largest delay that is looked for, either way"""
+FORCE_DELAY_STD: Final = 0.02
+"""s, prior: nothing is known of it"""
+LEVER_STD_MIN: Final = 1e-4
+VAGUE: Final = 2e-3
+"""s, error bar above which the motion is said to be too slow"""
+SYNC_ID: Final = 0x80
+"""CANopen's SYNC"""
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Rising edges of a digital signal, or sync frames, in host time."""
+
+    name: str
+    t: list[float] = field(default_factory=list)
+    """s"""
+
+    def __str__(self) -> str:
+        if not self.t:
+            return f"{self.name}: no rising edge"
+        text = f"{self.name}: {len(self.t)} rising edges, the first at {self.t[0]:.6f} s"
+        if len(self.t) > 2:
+            step = np.diff(self.t)
+            late = np.percentile(np.abs(step - np.median(step)), 99)
+            text += f", every {np.median(step):.6g} s, p99 of the spacing's error {1e6 * late:.0f} us"
+        return text
+
+
+@dataclass(frozen=True)
+class Cost:
+    """By how much the identified body moves for a misalignment."""
+
+    what: str
+    mass: float
+    """kg"""
+    cog: float
+    """m, length of the change"""
+    inertia: float
+    """kg m2, largest element of the change"""
+
+    def __str__(self) -> str:
+        return f"{self.what}: mass {self.mass:+.3f} kg, CoG {1e3 * self.cog:.2f} mm, J {self.inertia:.2f} kg m2"
+
+
+@dataclass(frozen=True)
+class Sync:
+    """What was found."""
+
+    run: Path
+    robot: Robot
+    position: Delay
+    """total, from the measured instant to the tracker's stamp"""
+    force: tuple[float, float]
+    """s total, one sigma"""
+    edges: list[Edges]
+    is_clock_good: bool
+    clock: str
+    costs: list[Cost]
+
+
+# ---- delays ----------------------------------------------------------------------------------------------------------
+
+
+def _imu(robot: Robot, run: Path) -> tuple[time_delay.Imu, float]:
+    """IMU samples as the daemon aligns them, no position needed, from 0 s on; and the host time of the first."""
+    fixed = robot.model_copy(update={"position": Position(source="fixed", fixed=[0.0, 0.0, 0.0])})
+    rows = inertiad_core.rows_of(reader.play(run, fixed, str(run / "robot.toml"), None))
+    if len(rows) < 2:
+        raise InputError(f"{run}: no IMU samples with forces beside them in its CAN log")
+    t0 = float(rows.t[0])
+    acc = rows.acc - np.array(robot.calibration.acc_bias)
+    gyro = rows.gyro - np.array(robot.calibration.gyro_bias)
+    return time_delay.Imu(rows.t - t0, acc, gyro, rows.q), t0
+
+
+def _tracker_delay(robot: Robot, run: Path) -> Delay:
+    imu, t0 = _imu(robot, run)
+    tracker = tracker_csv.read(run / "tracker.csv")
+    to_imu = Rotation.from_quat(robot.imu.orientation, scalar_first=True).inv()
+    lever = to_imu.apply(np.array(robot.tracker.target) - np.array(robot.imu.position))
+    std = robot.calibration.std.model_dump(exclude_none=True)
+    spread = configuration.std(robot) | std
+    prior = time_delay.Prior(
+        robot.gravity, lever, spread["acc_bias"], spread["gyro_bias"], max(spread["imu_position"], LEVER_STD_MIN)
+    )
+    found = time_delay.estimate(imu, tracker.t - t0, tracker.stack("x", "y", "z"), prior, MARGIN)
+    if found is None:
+        raise InputError(
+            f"{run}: nowhere IMU and tracker side by side for {time_delay.SHORTEST:g} s: allowed: a run that moves"
+        )
+    return found
+
+
+def delays(robot: Robot, run: Path) -> tuple[Delay, tuple[float, float]]:
+    """The tracker's delay, and the forces' with its sigma [s]. InputError: the run does not tell them."""
+    position = _tracker_delay(robot, run)
+    return position, _force_delay(robot, run, position)
+
+
+def calibration(robot: Robot, position: Delay, force: tuple[float, float]) -> dict[str, Any]:
+    """The keys of [calibration] that the delays belong to."""
+    configured, calibrated = configuration.delays(robot), robot.calibration
+    return {
+        "position_delay": position.value - configured["position"] + calibrated.position_delay,
+        "force_delay": force[0] - configured["force"] + calibrated.force_delay,
+        "std": {"position_delay": position.std, "force_delay": force[1]},
+    }
+
+
+def _with_delays(robot: Robot, position: Delay, force: tuple[float, float]) -> Robot:
+    keys = calibration(robot, position, force)
+    std = robot.calibration.std.model_copy(update=keys.pop("std"))
+    return robot.model_copy(update={"calibration": robot.calibration.model_copy(update={**keys, "std": std})})
+
+
+def _recording(robot: Robot, run: Path) -> reader.Recording:
+    rows = inertiad_core.rows_of(reader.play(run, robot, str(run / "robot.toml"), run / "tracker.csv"))
+    return reader.Recording(run, robot, rows, 0, 0, {})
+
+
+def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float]:
+    """Total delay of the forces and its sigma, s, by the joint fit."""
+    configured = configuration.delays(robot)["force"]
+    known = _with_delays(robot, position, (configured, FORCE_DELAY_STD))
+    result = fit.joint(reader.config_of(known, str(run)), [_recording(known, run)])
+    assert result.xi is not None and result.xi_std is not None
+    at = 14 + 2 * robot.n_cables
+    return configured + float(result.xi[at]), float(result.xi_std[at])
+
+
+# ---- cost ------------------------------------------------------------------------------------------------------------
+
+
+def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Array:
+    """Ten numbers of the body with delays taken as they are, shift [s] wrong: positions, forces."""
+    m = run.robot.n_cables
+    free = np.ones(15 + 2 * m, dtype=bool)
+    free[[10, 14 + 2 * m]] = False
+    moved = reader.Recording(run.path, run.robot, inertiad_core.undelayed(run.rows, *shift), 0, 0, {})
+    return np.array(fit.of_batch("joint", fit.batch(config, [moved], is_free=free.tolist())).body.value)
+
+
+def _costs(robot: Robot, run: Path, position: Delay, force: tuple[float, float]) -> Iterator[Cost]:
+    aligned = _with_delays(robot, position, force)
+    config, recording = reader.config_of(aligned, str(run)), _recording(aligned, run)
+    best = _body(config, recording, (0.0, 0.0))
+    configured = configuration.delays(robot)
+    was, was_force = configured["position"] - position.value, configured["force"] - force[0]
+    for what, shift in (
+        (f"as configured, tracker {1e3 * was:+.2f} ms and forces {1e3 * was_force:+.2f} ms off", (was, was_force)),
+        (f"one sigma of the tracker's delay, {1e3 * position.std:.2f} ms", (position.std, 0.0)),
+        (f"one sigma of the forces' delay, {1e3 * force[1]:.2f} ms", (0.0, force[1])),
+    ):
+        change = _body(config, recording, shift) - best
+        yield Cost(what, float(change[0]), float(np.linalg.norm(change[1:4])), float(np.abs(change[4:]).max()))
+
+
+# ---- triggers --------------------------------------------------------------------------------------------------------
+
+
+def _rising(t_ns: Array, level: Array) -> list[float]:
+    return (1e-9 * t_ns[1:][(level[1:] != 0) & (level[:-1] == 0)]).tolist()
+
+
+def edges(robot: Robot, log: CanLog) -> list[Edges]:
+    """Rising edges of every one-bit signal of the DBC files that is in the log, and CANopen SYNC frames."""
+    found = []
+    is_sync = (log.can_id == SYNC_ID) & (log.length <= 1)
+    for number, name in enumerate(log.names):
+        there = is_sync & (log.bus == number)
+        if there.any():
+            found.append(Edges(f"{name}: SYNC frames {SYNC_ID:03X}", (1e-9 * log.t_ns[there]).tolist()))
+    for number, bus in enumerate(robot.bus):
+        for message, _ in dbc.load(bus.files).messages:
+            can_id = message.frame_id | (dbc.EXTENDED_ID if message.is_extended_frame else 0)
+            there = (log.can_id == can_id) & (log.length == message.length)
+            if len(robot.bus) > 1:
+                there &= log.bus == number
+            for signal in message.signals:
+                if signal.length == 1 and not signal.is_multiplexer and there.any():
+                    byte, bit = encode.bit_positions(signal)[0]
+                    level = (log.data[there, byte] >> bit) & 1
+                    found.append(Edges(f"{message.name}.{signal.name}", _rising(log.t_ns[there], level)))
+    return found
+
+
+# ---- all -------------------------------------------------------------------------------------------------------------
+
+
+def sync(run: Path, progress: Callable[[str], None]) -> Sync:
+    """Look at a run folder with robot.toml, can.log and tracker.csv. InputError: something is missing or unusable."""
+    robot = description.load(run / "robot.toml")
+    for name in ("can.log", "tracker.csv"):
+        if not (run / name).exists():
+            raise InputError(f"{run / name}: not there: allowed: a run folder with robot.toml, can.log, tracker.csv")
+    progress("compare the motion that tracker, IMU and forces saw")
+    position, force = delays(robot, run)
+    progress("see what is at stake")
+    costs = list(_costs(robot, run, position, force))
+    triggers = edges(robot, canlog.read(run / "can.log"))
+    return Sync(run, robot, position, force, triggers, *host_info.clock_in_words(run), costs)
+
+
+def text(found: Sync) -> Iterator[str]:
+    """For people, a line each."""
+    p, (value, std) = found.position, found.force
+    yield f"tracker delay  {1e3 * p.value:8.3f} ± {1e3 * p.std:.3f} ms  against the IMU, one sigma"
+    yield f"force delay    {1e3 * value:8.3f} ± {1e3 * std:.3f} ms"
+    yield f"from {p.n_samples} positions in {p.n_stretches} stretches; tracker noise {1e3 * p.tracker_noise:.2f} mm"
+    if p.std > VAGUE:
+        yield "the motion hardly tells the delay: allowed: a run with accelerations of 1 m/s2 and more"
+    yield from (f"trigger: {e}" for e in found.edges)
+    if not found.edges:
+        yield "trigger: neither a SYNC frame nor a one-bit signal in the log"
+    yield f"clock: {found.clock}"
+    if not found.is_clock_good:
+        yield "clock: where CAN and tracker were stamped by different hosts, the delay holds for this run only"
+    yield from (f"cost: {c}" for c in found.costs)
+
+
+def write(path: Path, found: Sync) -> None:
+    """sync.json."""
+    position = asdict(found.position)
+    document = {
+        "run": str(found.run),
+        "position_delay": {"value": position.pop("value"), "std": position.pop("std")} | position,
+        "force_delay": {"value": found.force[0], "std": found.force[1]},
+        "edges": [asdict(e) for e in found.edges],
+        "clock": {"synchronised": found.is_clock_good, "text": found.clock},
+        "cost": [asdict(c) for c in found.costs],
+        "calibration": calibration(found.robot, found.position, found.force),
+    }
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

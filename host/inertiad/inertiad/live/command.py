@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tell a running daemon what to do, and wait for its answer."""
+
+import secrets
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from inertiad.base.error import InputError
+from inertiad.live import lcm_network
+from inertiad_lcm import command_t, event_t
+
+KINDS = {
+    "freeze": command_t.FREEZE,
+    "resume": command_t.RESUME,
+    "reset": command_t.RESET,
+    "tare": command_t.TARE,
+    "configure": command_t.CONFIGURE,
+    "mark": command_t.MARK,
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the daemon said."""
+
+    is_done: bool
+    text: str
+
+
+def make(name: str, argument: str | None) -> command_t:
+    """The message of a command. InputError: no such command, or its argument is missing, too long or not wanted."""
+    if name not in KINDS:
+        raise InputError(f'command "{name}": allowed: {", ".join(KINDS)}')
+    wanted = {"configure": "FILE", "mark": "TEXT"}.get(name)
+    if wanted is not None and not argument:
+        raise InputError(f"command {name}: {wanted} is missing")
+    if wanted is None and argument is not None:
+        raise InputError(f'command {name}: "{argument}" is not wanted')
+    message = command_t()
+    message.kind, message.sender, message.text = KINDS[name], secrets.randbits(62), ""
+    if name == "mark" and argument is not None:
+        message.text = argument
+        if len(argument.encode()) > command_t.TEXT_MAX or not argument.isprintable():
+            raise InputError(f"command mark: allowed: one line of at most {command_t.TEXT_MAX} bytes")
+    if name == "configure" and argument is not None:
+        message.config = Path(argument).read_bytes()
+        if len(message.config) > command_t.CONFIG_MAX:
+            limit = command_t.CONFIG_MAX
+            raise InputError(f"{argument}: allowed: a compiled configuration, at most {limit} bytes")
+        message.n_config = len(message.config)
+    return message
+
+
+def send(message: command_t, url: str, prefix: str, patience: float) -> Answer | None:
+    """Send a command, wait so many seconds for its answer; None: nobody answered. InputError: see network.connect()."""
+    answers: list[Answer] = []
+
+    def on_event(_channel: str, data: bytes) -> None:
+        event = event_t.decode(data)
+        if event.kind != event_t.NEWS and (event.sender, event.command) == (message.sender, message.sequence):
+            answers.append(Answer(event.kind == event_t.DONE, event.text))
+
+    bus = lcm_network.connect(url)
+    bus.subscribe(f"{prefix}EVENT", on_event)
+    message.t_ns = time.time_ns()
+    bus.publish(f"{prefix}COMMAND", message.encode())
+    end = time.monotonic() + patience
+    while not answers and time.monotonic() < end:
+        bus.handle_timeout(50)
+    return answers[0] if answers else None

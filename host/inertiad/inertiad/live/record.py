@@ -1,0 +1,519 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Record a position instrument beside the platform: bytes in, TRACKER messages and a run folder out.
+
+RUN/tracker.csv: valid positions or poses in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every
+message of the channel prefix or of --channels, TRACKER (with device time and lost samples) and the commanded POSE among
+them; RUN/header.json: host, and how its clock was kept.
+"""
+
+import contextlib
+import errno
+import ipaddress
+import os
+import selectors
+import socket
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import FileIO
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+import inertiad_core
+from inertiad.base import channels
+from inertiad.base.error import InputError
+from inertiad.live import lcm_network
+from inertiad.live.tracker_protocols import Layout, Parser, Sample
+from inertiad.run import encode, host_info, lcmlog, tracker_csv
+from inertiad_lcm import tracker_t
+
+SILENT: Final = 10.0
+"""s without a byte after which a peer that was sending counts as hanging and is connected anew"""
+START: Final = 60.0
+"""the same for a peer that has not sent yet: an instrument waits for its operator"""
+KEEPALIVE: Final = {socket.TCP_KEEPIDLE: 1, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPCNT: 3}
+"""s, s, probes after which the kernel ends a connection whose other machine is gone, however long it may be silent"""
+RETRY: Final = 0.5
+"""s between attempts to connect"""
+POLL: Final = 0.05
+FAR: Final = tracker_csv.FAR
+UNBELIEVABLE: Final = 1e7
+"""m: beyond it is not a wrong unit but wrong bytes"""
+JUDGE_AFTER: Final = 20
+"""samples, all of them out of range, after which the recording is refused"""
+RATE_AFTER: Final = 2.0
+"""s of host time after which device time must have run as fast"""
+RATE_FACTOR: Final = 10.0
+"""within which it must: units lie further apart, and a recorder that lags for lack of computing time may not look so"""
+STEP_BACK: Final = 1.0
+"""s of device time: more is a restart of the instrument, less a late duplicate"""
+
+
+# ---- where bytes come from -------------------------------------------------------------------------------------------
+
+
+class Input(Protocol):
+    """A source of bytes. receive() gives what is there, [] after POLL s without any."""
+
+    is_connected: bool
+    n_connected: int
+    n_foreign: int
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        """Pieces, each with whether it ends what came before it (datagram, connection)."""
+
+    def close(self) -> None:
+        """Let go."""
+
+
+def _is_multicast(host: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_multicast
+    return False
+
+
+class Udp:
+    """Datagrams from the first sender heard; those of others are counted and left out. Joins a multicast address."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, lcm_network.RECEIVE_BUFFER)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(_is_multicast(host)))
+        self._socket.bind((host, port))
+        if _is_multicast(host):
+            member = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        self._socket.settimeout(POLL)
+        self._peer: Any = None
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        try:
+            data, peer = self._socket.recvfrom(65536)
+        except TimeoutError:
+            return []
+        if self._peer is None:
+            self._peer, self.is_connected, self.n_connected = peer, True, 1
+        if peer != self._peer:
+            self.n_foreign += 1
+            return []
+        return [(data, True)]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def _kept_alive(link: socket.socket) -> socket.socket:
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in KEEPALIVE.items():
+        link.setsockopt(socket.IPPROTO_TCP, option, value)
+    return link
+
+
+class Stream:
+    """A connection that is made again whenever it ends or falls silent."""
+
+    def __init__(self, connect: Callable[[], Any], can_hang: bool) -> None:
+        self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
+        self._connect, self._can_hang = connect, can_hang
+        self._peer: Any = None
+        self._heard = self._tried = 0.0
+        self._patience = START
+
+    def _try(self) -> None:
+        now = time.monotonic()
+        if now - self._tried < RETRY:
+            time.sleep(POLL)
+            return
+        self._tried = now
+        with contextlib.suppress(OSError):
+            self._peer = self._connect()
+        if self._peer is not None:
+            self._heard, self._patience, self.is_connected = time.monotonic(), START, True
+            self.n_connected += 1
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        if self._peer is None:
+            self._try()
+            return []
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._peer, selectors.EVENT_READ)
+            if not selector.select(POLL):
+                is_silent = self._can_hang and time.monotonic() - self._heard > self._patience
+                return self._lose() if is_silent else []
+        try:
+            data = os.read(self._peer.fileno(), 65536)
+        except OSError:
+            data = b""
+        if not data:
+            return self._lose()
+        self._heard, self._patience = time.monotonic(), SILENT
+        return [(data, False)]
+
+    def _lose(self) -> list[tuple[bytes, bool]]:
+        self._peer.close()
+        self._peer, self.is_connected = None, False
+        return [(b"", True)]
+
+    def close(self) -> None:
+        if self._peer is not None:
+            self._peer.close()
+
+
+class Server(Stream):
+    """A listening socket; one peer at a time."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._listener = socket.create_server((host, port))
+        self._listener.settimeout(POLL)
+        super().__init__(lambda: _kept_alive(self._listener.accept()[0]), can_hang=True)
+
+    def close(self) -> None:
+        super().close()
+        self._listener.close()
+
+
+class Tail:
+    """A file that grows, from its beginning."""
+
+    def __init__(self, path: str) -> None:
+        self.is_connected, self.n_connected, self.n_foreign = True, 1, 0
+        self._file = open(path, "rb")  # noqa: SIM115 - closed by close()
+
+    def receive(self) -> list[tuple[bytes, bool]]:
+        data = self._file.read(65536)
+        if not data:
+            time.sleep(POLL)
+            return []
+        return [(data, False)]
+
+    def close(self) -> None:
+        self._file.close()
+
+
+ADDRESSES: Final = "udp:[HOST:]PORT, tcp:HOST:PORT, tcp-listen:[HOST:]PORT, serial:DEVICE[@BAUD], file:PATH"
+
+
+def _serial(device: str, baud: int) -> Any:
+    import serial
+
+    return serial.Serial(device, baud, timeout=0)
+
+
+def _host_port(place: str, address: str) -> tuple[str, int]:
+    host, _, port = place.rpartition(":")
+    if not port.isdecimal() or not 0 < int(port) < 65536:
+        raise InputError(f"--from {address}: port: allowed: 1 to 65535")
+    return host, int(port)
+
+
+def open_input(address: str) -> Input:
+    """An input by its address, see ADDRESSES. InputError: none of them, or it cannot be opened."""
+    scheme, _, place = address.partition(":")
+    try:
+        match scheme:
+            case "udp":
+                return Udp(*_host_port(place, address))
+            case "tcp":
+                host, port = _host_port(place, address)
+                peer = host or "127.0.0.1", port
+                return Stream(lambda: _kept_alive(socket.create_connection(peer, timeout=RETRY)), can_hang=True)
+            case "tcp-listen":
+                return Server(*_host_port(place, address))
+            case "serial":
+                device, _, baud = place.partition("@")
+                return Stream(lambda: _serial(device, int(baud or 115200)), can_hang=False)
+            case "file":
+                return Tail(place)
+    except OSError as error:
+        raise InputError(f"--from {address}: {error.strerror}") from None
+    raise InputError(f"--from {address}: allowed: {ADDRESSES}")
+
+
+# ---- what is made of samples -----------------------------------------------------------------------------------------
+
+
+@dataclass
+class Counts:
+    """What has happened so far."""
+
+    n_bytes: int = 0
+    n_samples: int = 0
+    n_published: int = 0
+    n_invalid: int = 0
+    """beam lost"""
+    n_lost: int = 0
+    """frame numbers left out"""
+    n_repeated: int = 0
+    """duplicates and samples out of order, left out"""
+    n_far: int = 0
+    """not believable: unit or byte order"""
+    n_bad: int = 0
+    """packets or lines that cannot be read"""
+    latency_us: deque[float] = field(default_factory=lambda: deque(maxlen=10_000))
+    """from the earliest possible arrival to the real one, by the clock's fit; the last 10000"""
+    host_ns: deque[int] = field(default_factory=lambda: deque(maxlen=1000))
+    """the last 1000"""
+
+    def rate(self) -> float:
+        """Hz over the last samples."""
+        t = self.host_ns
+        return (len(t) - 1) / (1e-9 * (t[-1] - t[0])) if len(t) > 1 and t[-1] > t[0] else 0.0
+
+
+class Tracker:
+    """Samples to host time, checked, counted."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.counts = Counts()
+        self._clock = inertiad_core.Clock(layout.time_wrap)
+        self._frame: int | None = None
+        self._time: float | None = None
+        self._began: tuple[float, int] | None = None
+        """device [s] and host [ns] time of the first sample"""
+        self._is_judged = False
+
+    def _check_rate(self, t_device: float, host_ns: int) -> None:
+        """InputError: device time does not pass as host time does."""
+        if self._is_judged:
+            return
+        if self._began is None or t_device < self._began[0]:
+            self._began = t_device, host_ns
+        passed = 1e-9 * (host_ns - self._began[1])
+        if passed < RATE_AFTER:
+            return
+        rate = (t_device - self._began[0]) / passed
+        if not 1.0 / RATE_FACTOR < rate < RATE_FACTOR:
+            raise InputError(
+                f"device time passes {rate:.4g} times as fast as the host's: allowed: about as fast; "
+                "is --time-unit right? --no-device-time leaves it out"
+            )
+        self._is_judged = True
+
+    def _is_repeated(self, sample: Sample) -> bool:
+        """By frame number, else by device time; counts the frames left out."""
+        if sample.frame is not None:
+            step = 1 if self._frame is None else (sample.frame - self._frame + 2**31) % 2**32 - 2**31
+            if -1000 < step <= 0:
+                return True
+            self.counts.n_lost += step - 1 if step > 1 else 0
+            self._frame = sample.frame
+        elif sample.t_device is not None:
+            step_s = 1.0 if self._time is None else sample.t_device - self._time
+            if -STEP_BACK < step_s <= 0.0:
+                return True
+            self._time = sample.t_device
+        return False
+
+    def _is_far(self, sample: Sample) -> bool:
+        worst = max(abs(v) for v in sample.position)
+        if worst <= FAR:
+            return False
+        c = self.counts
+        c.n_far += 1
+        if c.n_far >= JUDGE_AFTER and c.n_published == 0:
+            if worst > UNBELIEVABLE:
+                raise InputError(
+                    f"positions such as {worst:.3g} m: allowed: within {FAR:g} m; is the byte order right?"
+                )
+            raise InputError(f"positions such as {worst:.6g} m: allowed: within {FAR:g} m; is it in mm? try --unit mm")
+        return True
+
+    def take(self, sample: Sample, host_ns: int) -> tracker_t | None:
+        """The message for a sample that arrived at host_ns; None: left out. InputError: nothing but nonsense comes."""
+        c = self.counts
+        c.n_samples += 1
+        c.host_ns.append(host_ns)
+        if self._is_repeated(sample):
+            c.n_repeated += 1
+            return None
+        if sample.valid and self._is_far(sample):
+            return None
+        message = tracker_t()
+        message.t_ns = host_ns
+        if sample.t_device is not None:
+            self._check_rate(sample.t_device, host_ns)
+            message.t_ns = self._clock.map(sample.t_device, host_ns)
+            message.t_device_ns = round(1e9 * sample.t_device)
+            c.latency_us.append(1e-3 * (host_ns - message.t_ns))
+        c.n_invalid += not sample.valid
+        message.valid, message.position = sample.valid, list(sample.position)
+        if sample.q is not None:
+            message.has_q, message.q = True, list(sample.q)
+        message.sequence, message.n_dropped = c.n_published, c.n_lost
+        c.n_published += 1
+        return message
+
+
+# ---- LCM and files ---------------------------------------------------------------------------------------------------
+
+
+class LcmRecorder:
+    """Write every message whose channel matches a regular expression into a log, in a thread."""
+
+    def __init__(self, url: str, channels: str, path: Path) -> None:
+        self.log = lcmlog.Writer(path)
+        self.n_by_channel: dict[str, int] = {}
+        self._listener = lcm_network.Listener(url, channels, self._take)
+        self._listener.start()
+
+    def _take(self, channel: str, data: bytes) -> None:
+        self.n_by_channel[channel] = self.n_by_channel.get(channel, 0) + 1
+        self.log.write(time.time_ns() // 1000, channel, data)
+
+    def stop(self) -> None:
+        """Take what still comes, and close the log."""
+        time.sleep(0.2)
+        self._listener.stop()
+        self.log.close()
+
+
+@dataclass(frozen=True)
+class Options:
+    """What `inertiactl record` was asked to do."""
+
+    address: str
+    layout: Layout
+    folder: Path
+    url: str
+    prefix: str = channels.DEFAULT_PREFIX
+    seconds: float | None = None
+    channels: str = ""
+    """regular expression of the LCM channels to log; "": all of the prefix"""
+
+
+class Recording:
+    """Everything a recording writes to."""
+
+    def __init__(self, options: Options) -> None:
+        self.folder = encode.open_run(options.folder)
+        for name in ("tracker.csv", "run.lcmlog"):
+            if (self.folder / name).exists():
+                raise InputError(f"{self.folder / name}: is there already: allowed: a new run folder")
+        self.tracker = Tracker(options.layout)
+        self.parser = Parser(options.layout)
+        self.error = ""
+        self.n_rows = self.n_out_of_order = self.n_unwritten = 0
+        self._channel = f"{options.prefix}TRACKER"
+        self.lcm = LcmRecorder(options.url, options.channels or f"{options.prefix}.*", self.folder / "run.lcmlog")
+        self._link = lcm_network.connect(options.url)
+        self._raw = (self.folder / "tracker.raw").open("wb", buffering=0)
+        self._csv = (self.folder / "tracker.csv").open("wb", buffering=0)
+        heads = tracker_csv.POSE_HEADER if options.layout.has_attitude else tracker_csv.HEADER
+        self._write(self._csv, (heads + "\n").encode())
+        self._last_ns = 0
+        host_info.write(self.folder)
+
+    def _write(self, file: FileIO, data: bytes) -> bool:
+        """All of data or, on a full disk, none of it: no half row is left behind. True: written."""
+        try:
+            n = file.write(data) or 0
+            if n < len(data):
+                file.seek(-n, os.SEEK_CUR)
+                file.truncate()
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            self.n_unwritten += 1
+            self.error = f"{file.name}: {error.strerror}"
+            return False
+        return True
+
+    def take(self, data: bytes, is_end: bool) -> None:
+        """Bytes that have come now."""
+        host_ns = time.time_ns()
+        self.tracker.counts.n_bytes += len(data)
+        self._write(self._raw, data)
+        samples = self.parser.feed(data) + (self.parser.end() if is_end else [])
+        self.tracker.counts.n_bad = self.parser.n_bad
+        for sample in samples:
+            message = self.tracker.take(sample, host_ns)
+            if message is not None:
+                self._link.publish(self._channel, message.encode())
+                self._keep(message)
+
+    def _keep(self, message: tracker_t) -> None:
+        """A row of tracker.csv: valid, and later than the one before."""
+        if not message.valid:
+            return
+        if (
+            message.t_ns // 1000 <= self._last_ns // 1000
+        ):  # came together without device time, or the clock's fit became better
+            self.n_out_of_order += 1
+            return
+        self._last_ns = message.t_ns
+        s, us = divmod(message.t_ns // 1000, 1_000_000)
+        values = [*message.position, *(message.q if message.has_q else ())]
+        self.n_rows += self._write(self._csv, f"{s}.{us:06d},{','.join(f'{v:.9f}' for v in values)}\n".encode())
+
+    def close(self) -> None:
+        """Close all files."""
+        self.lcm.stop()
+        self._raw.close()
+        self._csv.close()
+
+
+# ---- show ------------------------------------------------------------------------------------------------------------
+
+
+def facts(source: Input, recording: Recording) -> Iterator[tuple[str, str]]:
+    """Name and value of everything worth showing."""
+    c = recording.tracker.counts
+    yield "connected", f"{'yes' if source.is_connected else 'no'}, {source.n_connected} times"
+    yield "samples", f"{c.n_samples} received, {c.n_published} published, {c.rate():.1f} Hz, {c.n_bytes} bytes"
+    yield "lost, repeated", f"{c.n_lost} lost by frame number, {c.n_repeated} duplicates or out of order"
+    yield "beam lost", f"{c.n_invalid} samples"
+    bad = f"{c.n_bad} unreadable, {c.n_far} out of range, {source.n_foreign} from another sender"
+    yield "left out", bad + (f"; last: {recording.parser.last_bad}" if c.n_bad else "")
+    if c.latency_us:
+        p50, p99, worst = np.percentile(c.latency_us, [50, 99, 100])
+        yield "late", f"{p50:.0f} us (p50), {p99:.0f} us (p99), {worst:.0f} us (max) after the earliest arrivals"
+    n = recording.n_out_of_order
+    unordered = f", {n} left out: not later than the row before" if n else ""
+    yield "tracker.csv", f"{recording.n_rows} rows{unordered}"
+    log = recording.lcm.log
+    channels = ", ".join(f"{k} {name}" for name, k in sorted(recording.lcm.n_by_channel.items()))
+    yield "LCM log", f"{log.n_events} messages ({channels or 'none yet'}), {log.n_failed} not written"
+    error = recording.error or log.error
+    if error:
+        yield "not written", f"{recording.n_unwritten} pieces of tracker.raw and tracker.csv: {error}"
+
+
+def _view(source: Input, recording: Recording) -> Table:
+    table = Table(title=str(recording.folder), title_justify="left", show_header=False)
+    for name, value in facts(source, recording):
+        table.add_row(name, value)
+    return table
+
+
+def record(options: Options) -> list[str]:
+    """Record until interrupted or for options.seconds; the summary. InputError: see open_input(), Tracker.take()."""
+    options.layout.check()
+    source = open_input(options.address)
+    recording = Recording(options)
+    end = float("inf") if options.seconds is None else time.monotonic() + options.seconds
+    console = Console(stderr=True)
+    try:
+        with contextlib.ExitStack() as stack:
+            live = None
+            if console.is_terminal:
+                live = stack.enter_context(Live(_view(source, recording), console=console, refresh_per_second=4))
+            shown = time.monotonic()
+            while time.monotonic() < end:
+                for data, is_end in source.receive():
+                    recording.take(data, is_end)
+                if live is not None and time.monotonic() - shown > 0.25:
+                    shown = time.monotonic()
+                    live.update(_view(source, recording))
+    except KeyboardInterrupt:
+        pass
+    finally:
+        source.close()
+        recording.close()
+    return [f"{name}: {value}" for name, value in facts(source, recording)]
