@@ -111,12 +111,16 @@ demo: build
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
 ## Run every test; ends with one line: N passed, N failed, N skipped
-test: .venv/test.stamp build unit-programs asan-programs accept-programs vcan-runs
+test: .venv/test.stamp build unit-programs micro asan-programs accept-programs vcan-runs
 	@$(PY) tools/test unit laws host vcan asan
 
 ## Test the stages of the core (Unity)
-test-unit: unit-programs
+test-unit: unit-programs micro
 	@$(PY) tools/test unit
+
+## Build the core for microcontrollers: 8 cables, short buffers, state under 64 KiB
+micro:
+	@$(MAKE) --no-print-directory B=build/micro OPT='-Os -DIPE_PROFILE_MICRO' WERROR=-Werror build/micro/lib/libinertiad_core.a
 
 ## Test the laws the mathematics must keep
 test-laws: .venv/test.stamp build unit-programs
@@ -233,6 +237,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
+.PHONY: help setup build micro demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Samples of three sensors, each with its own rate -> one row per IMU sample.
 ///
-/// A row waits until force and position reach past its instant, at most max_wait; they are interpolated there by a cubic
-/// through the neighbours (Hermite, tangents by finite differences), never across a gap longer than max_age. A position that
-/// is not there is carried on from those before (dead_reckoning.h). What a row could not get is counted by cause and the row is
-/// dropped: a row is whole or it does not exist. Rows wait no longer than the ring has room.
-/// A sample may come up to 8 samples late if no row has used its neighbours yet. Samples whose instant is not known yet are
-/// held in the ring; rows wait for them as for samples that have not come.
-/// 26 KB of state, O(1) per sample, one thread. The result depends on the samples and their stamps, not on when they
-/// were pushed, as long as no row waits longer than max_wait.
+/// A row waits until two samples of force and position past its instant are there: for max_wait, by which a sensor may be
+/// late, and two periods of that sensor. They are interpolated at the row's instant by a cubic through the neighbours
+/// (Hermite, tangents by finite differences), never across a gap longer than max_age. A sensor that is constantly late by less
+/// than max_wait therefore gives the same rows as one on time, as long as max_wait is at most IPE_WAIT_MAX IMU samples
+/// (ipe_config_check). A position that did not come is extrapolated from those before (dead_reckoning.h). A row that
+/// lacks a quantity is dropped and counted by cause: a row is complete or it does not exist.
+/// A sample may come up to 8 samples late within its own stream if no row has used its neighbours yet. Samples whose instant
+/// is not known yet are held in the ring; rows wait for them as for samples that have not come.
+/// 327 KB of state (27 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
+/// stamps, not on when they were pushed, as long as no row waits longer than it may.
 #ifndef IPE_ALIGN_H
 #define IPE_ALIGN_H
 
@@ -18,8 +20,6 @@
 #include "sample_timing.h"
 #include "types.h"
 
-enum { IPE_RING = 96 };
-
 /// The last IPE_RING samples of one sensor; sample i is at i % IPE_RING.
 typedef struct {
     int64_t t_ns[IPE_RING];
@@ -28,6 +28,12 @@ typedef struct {
     unsigned n_held;  ///< of these, newest: instant not known yet
     uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
 } ipe_ring_t;
+
+/// How late the samples of a sensor come, in data time: behind the newest IMU sample whose instant is known.
+typedef struct {
+    int64_t largest_ns;   ///< largest lateness of a sample taken in
+    uint64_t n_too_late;  ///< samples that came after rows past their instant had gone on without them
+} ipe_lateness_t;
 
 typedef struct {
     int n_cables;
@@ -41,7 +47,9 @@ typedef struct {
     double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
-    ipe_dead_reckoning_t carry;
+    ipe_dead_reckoning_t dead_reckoning;
+    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
+    int64_t row_ns;  ///< instant of the last IMU sample that became a row or was dropped; 0: none yet
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
@@ -73,5 +81,8 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
 
 /// The next row, if its sensors are all there. IPE_OK or IPE_NOT_READY; dropped rows are skipped and counted.
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);
+
+/// Lateness of a sensor since the start. If n_too_late is not 0, max_wait (s) has to be raised over largest_ns.
+ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor);
 
 #endif

@@ -17,7 +17,7 @@
 static void set_period(ipe_window_t* x, double period)
 {
     const double quarter = fmax(MIN_QUARTER, round(0.25 * x->window_length / period));
-    memset(&x->white, 0, sizeof x->white);
+    memset(&x->noise_density, 0, sizeof x->noise_density);
     x->period = period;
     x->length = 4.0 * quarter * period;
     x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, 1.01 * period));
@@ -71,7 +71,7 @@ static void restart(ipe_window_t* x, int64_t t_ns)
     x->origin_ns = t_ns;
     x->first = 0;
     x->spacing = 0.0;
-    ipe_noise_density_restart(&x->white);
+    ipe_noise_density_restart(&x->noise_density);
 }
 
 void ipe_window_restart(ipe_window_t* x)
@@ -126,7 +126,7 @@ static void noise_of_averages(const ipe_window_t* x, ipe_average_t* average)
 {
     const double quarter = 0.25 * x->length;
     double density[IPE_NOISE_DENSITY_CHANNELS];
-    ipe_noise_density_density(&x->white, block_length(x) * x->period, density);
+    ipe_noise_density_density(&x->noise_density, block_length(x) * x->period, density);
     for (int i = 0; i < 3; ++i) {
         average->s_variance[i] = KERNEL_SQUARE / quarter * density[i];
         average->alpha_variance[i] = SLOPE_SQUARE / (quarter * quarter * quarter) * density[3 + i];
@@ -194,7 +194,7 @@ ipe_status_t ipe_window_push(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* 
         x->spacing = interval;
         const double* s = motion->s;
         const double* w = motion->w;
-        ipe_noise_density_push(&x->white, (double[]){s[0], s[1], s[2], w[0], w[1], w[2]}, block_length(x));
+        ipe_noise_density_push(&x->noise_density, (double[]){s[0], s[1], s[2], w[0], w[1], w[2]}, block_length(x));
     }
     remember(x, t_ns, motion, wrench);
     return status;
