@@ -21,7 +21,7 @@
 #define YAW_STD_MIN 0.01         // rad
 #define GYRO_BIAS_STD_MIN 2e-3   // rad/s
 #define SCALE_STD 1e-2
-#define WANDER_TIME 20.0         // s, of the AHRS's yaw
+#define IPE_WANDER_TIME 20.0     // s, of the AHRS's yaw
 #define SETTLED_TILT 5e-3        // rad: motion is published from here on
 #define SETTLED_SCALE 1e-3
 #define GATE 6.0                 // sigmas, and
@@ -30,6 +30,8 @@
 #define RESTART_NS 200000000LL   // for this long: the target is elsewhere now
 #define BRIDGE_NS 2000000000LL   // a gap between rows that the AHRS carries the attitude through,
 #define BRIDGE_STD 0.01          // rad: adding this
+#define NOMINAL_STD 3e-4         // rad and
+#define NOMINAL_TIME 1.0         // s, of a fused attitude with 1 mm at 100 Hz and a MEMS gyro
 #define CARRIED_STD_MAX 0.03     // m, of a position that rows are made from
 
 enum {
@@ -56,11 +58,27 @@ static void transpose(const double A[3][3], double out[3][3])
     }
 }
 
+/// An attitude as the AHRS measures it: yaw is its own, and it wanders.
+static void set_sensor_error(double std_wander, ipe_attitude_error_t* error)
+{
+    memset(error, 0, sizeof *error);
+    error->attitude[2][IPE_MOTION_BY_YAW] = 1.0;
+    for (int i = 0; i < 3; ++i) {
+        error->attitude_std[i] = std_wander;
+        error->attitude_time[i] = IPE_WANDER_TIME;
+    }
+}
+
+bool ipe_motion_is_fused(const ipe_config_t* config)
+{
+    return config->attitude_estimate == IPE_ATTITUDE_FUSED && config->position_source != IPE_POSITION_FIXED;
+}
+
 void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config)
 {
     memset(m, 0, sizeof *m);
     m->is_fixed = config->position_source == IPE_POSITION_FIXED;
-    m->is_fused = !m->is_fixed;
+    m->is_fused = ipe_motion_is_fused(config);
     m->gravity = config->gravity;
     mat3_from_quat(config->imu_orientation, m->R_PI);
     const double yaw[3] = {0.0, 0.0, config->world_yaw};
@@ -78,12 +96,12 @@ void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config)
     mat3_tmul_vec(m->R_PI, lever, m->lever);
     m->std_tilt = fmax(config->std_attitude, TILT_STD_MIN);
     m->std_yaw = fmax(config->std_attitude_wander, YAW_STD_MIN);
-    m->std_wander = config->std_attitude_wander;
     m->std_gyro_bias = fmax(config->std_gyro_bias, GYRO_BIAS_STD_MIN);
     m->std_acc_scale = SCALE_STD + config->std_acc_bias / fmax(config->gravity, 1.0);
     m->max_gap_ns = (int64_t)llround(1e9 * config->max_age[IPE_IMU]);
     m->max_carry_ns = (int64_t)llround(1e9 * config->max_carry);
     m->position_variance = square(START_POSITION_STD);
+    set_sensor_error(config->std_attitude_wander, &m->sensor_error);
     m->n_learnt = POSITION_PRIOR;
 }
 
@@ -350,7 +368,7 @@ static void update_position(ipe_motion_stage_t* m, double T, double d[N])
     learn_position_variance(m, e, explained, n);
 }
 
-/// Yaw of the AHRS: a wander of WANDER_TIME as white noise, so that many epochs are worth one sample of it.
+/// Yaw of the AHRS: a wander of IPE_WANDER_TIME as white noise, so that many epochs are worth one sample of it.
 static void update_yaw(ipe_motion_stage_t* m, const double q[4], double T, double d[N])
 {
     double R[3][3], H[MOVING] = {0.0}, H_c[NP] = {0.0};
@@ -359,7 +377,7 @@ static void update_yaw(ipe_motion_stage_t* m, const double q[4], double T, doubl
     const double cosine = vec3_dot(R[0], m->R[0]) + vec3_dot(R[1], m->R[1]);
     H[PHI + 2] = 1.0;
     H_c[IPE_MOTION_BY_YAW] = -1.0;
-    update(m, H, H_c, atan2(sine, cosine), 2.0 * square(m->std_yaw) * WANDER_TIME / T, d);
+    update(m, H, H_c, atan2(sine, cosine), 2.0 * square(m->std_yaw) * IPE_WANDER_TIME / T, d);
 }
 
 static void set_error(ipe_motion_stage_t* m)
@@ -423,6 +441,7 @@ static void start_position(ipe_motion_stage_t* m, const double x[3])
             for (int k = 0; k < 3; ++k) { P[PP + i][PP + j] -= P[PP + i][PHI + k] * H[j][k]; }
         }
     }
+    ++m->n_starts;
     m->gate2 = HUGE_VAL;
     m->epoch_ns = m->t_ns;
     clear_sums(m);
@@ -434,7 +453,6 @@ static void start(ipe_motion_stage_t* m, const ipe_row_t* row)
 {
     double (*P)[N] = m->spread.P, (*S)[NP] = m->spread.S;
     const bool is_first = P[BIAS][BIAS] == 0.0;
-    m->n_restarts += !is_first;
     ahrs_attitude(m, row->q, (const double (*)[3])m->ahrs_to_imu, m->R);
     for (int i = PHI; i < (is_first ? N : BIAS); ++i) {
         for (int j = 0; j < N; ++j) { P[i][j] = P[j][i] = 0.0; }
@@ -496,7 +514,6 @@ static void bridge(ipe_motion_stage_t* m, const ipe_row_t* row)
     memcpy(m->acc, row->acc, sizeof m->acc);
     memcpy(m->gyro, row->gyro, sizeof m->gyro);
     m->t_ns = row->t_ns;
-    ++m->n_restarts;
     ipe_noise_density_restart(&m->noise);
     start_position(m, row->position);
 }
@@ -527,7 +544,6 @@ static bool follow_position(ipe_motion_stage_t* m, const ipe_row_t* row)
     bool is_taken = take_position(m, row);
     if (m->n_refused_row >= RESTART_POSITIONS && row->t_ns - m->refused_ns >= RESTART_NS) {
         start_position(m, row->position);
-        ++m->n_restarts;
         is_taken = take_position(m, row);
     }
     if (is_taken) { m->seen_ns = row->t_ns; }
@@ -536,7 +552,26 @@ static bool follow_position(ipe_motion_stage_t* m, const ipe_row_t* row)
 
 // ---- results --------------------------------------------------------------------------------------------------------
 
-/// s, w, R by the sensors' own calibration, and what their attitude's error is.
+void ipe_motion_nominal_error(const ipe_config_t* config, const double R[3][3], ipe_attitude_error_t* error)
+{
+    if (!ipe_motion_is_fused(config)) {
+        set_sensor_error(config->std_attitude_wander, error);
+        return;
+    }
+    double R_PI[3][3], R_I[3][3];
+    memset(error, 0, sizeof *error);
+    for (int i = 0; i < 3; ++i) { error->attitude_std[i] = NOMINAL_STD, error->attitude_time[i] = NOMINAL_TIME; }
+    mat3_from_quat(config->imu_orientation, R_PI);
+    mat3_mul(R, R_PI, R_I);
+    for (int k = 0; k < 3; ++k) {  // exp(phi) R (s - bias) = g z
+        const int at = IPE_MOTION_BY_ACC_BIAS + k;
+        error->attitude[0][at] = -R_I[1][k] / config->gravity;
+        error->attitude[1][at] = R_I[0][k] / config->gravity;
+        error->force_scale[at] = -R_I[2][k] / config->gravity;
+    }
+}
+
+/// s, w, R by the sensors' own calibration, and the error of their attitude.
 static void read_sensors(const ipe_motion_stage_t* m, const ipe_row_t* row, ipe_motion_t* motion)
 {
     double s[3], w[3];
@@ -545,12 +580,7 @@ static void read_sensors(const ipe_motion_stage_t* m, const ipe_row_t* row, ipe_
     mat3_mul_vec(m->R_PI, s, motion->s);
     mat3_mul_vec(m->R_PI, w, motion->w);
     ahrs_attitude(m, row->q, (const double (*)[3])m->ahrs_to_platform, motion->R);
-    memset(&motion->error, 0, sizeof motion->error);
-    motion->error.attitude[2][IPE_MOTION_BY_YAW] = 1.0;
-    for (int i = 0; i < 3; ++i) {
-        motion->error.attitude_std[i] = m->std_wander;
-        motion->error.attitude_time[i] = WANDER_TIME;
-    }
+    motion->error = m->sensor_error;
 }
 
 static void read_filter(const ipe_motion_stage_t* m, ipe_motion_t* motion)
@@ -581,6 +611,13 @@ static void read_position(const ipe_motion_stage_t* m, const double* x, ipe_moti
     vec3_axpy(m->v, -1.0, arm, motion->v);
 }
 
+void ipe_motion_target(const ipe_motion_stage_t* m, double x[3])
+{
+    double arm[3];
+    mat3_mul_vec(m->R, m->lever, arm);
+    vec3_axpy(m->p, 1.0, arm, x);
+}
+
 /// Rows of this precision can be used.
 static bool is_settled(const ipe_motion_stage_t* m)
 {
@@ -592,11 +629,6 @@ static bool is_carried(const ipe_motion_stage_t* m)
 {
     const double (*P)[N] = (const double (*)[N])m->spread.P;
     return m->t_ns - m->seen_ns <= m->max_carry_ns && P[0][0] + P[1][1] + P[2][2] < 3.0 * square(CARRIED_STD_MAX);
-}
-
-bool ipe_motion_has_epoch(const ipe_motion_stage_t* m)
-{
-    return m->is_running && m->n_epochs > 0 && m->epoch_ns == m->t_ns && m->n_positions == 0;
 }
 
 ipe_status_t ipe_motion_push(ipe_motion_stage_t* m, const ipe_row_t* row, ipe_motion_t* motion)
@@ -611,14 +643,16 @@ ipe_status_t ipe_motion_push(ipe_motion_stage_t* m, const ipe_row_t* row, ipe_mo
     const ipe_status_t status = advance(m, row);
     if (status == IPE_ERR_TIME) { return status; }
     if (status == IPE_NOT_READY) {
-        ++m->n_no_position;
+        m->n_no_position += row->has_force;
         return IPE_IGNORED;
     }
     memcpy(m->q, row->q, sizeof m->q);
     const bool has_position = follow_position(m, row);
-    if (m->t_ns - m->epoch_ns >= EPOCH_NS - (m->t_ns - before_ns) / 2) { end_epoch(m, row->q); }
+    const int64_t since_ns = m->t_ns - m->epoch_ns;
+    m->is_epoch_new = since_ns > 0 && since_ns >= EPOCH_NS - (m->t_ns - before_ns) / 2;
+    if (m->is_epoch_new) { end_epoch(m, row->q); }
     if (!has_position && !is_carried(m)) {
-        ++m->n_no_position;
+        m->n_no_position += row->has_force;
         return IPE_IGNORED;
     }
     if (m->is_fused) {

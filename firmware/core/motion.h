@@ -53,19 +53,19 @@ typedef struct {
 
 typedef struct {
     // settings
-    bool is_fused;                              ///< R, s, w are the filter's; else the sensors'
-    bool is_fixed;                              ///< position is fixed: no filter
-    double gravity;                             ///< m/s2
-    double R_PI[3][3];                          ///< I axes to P axes
-    double ahrs_to_imu[3][3];                   ///< I axes: R(q) ahrs_to_imu is calibrated
+    bool is_fused;                                           ///< R, s, w are the filter's; else the sensors'
+    bool is_fixed;                                           ///< position is fixed: no filter
+    double gravity;                                          ///< m/s2
+    double R_PI[3][3];                                       ///< I axes to P axes
+    double ahrs_to_imu[3][3];                                ///< I axes: R(q) ahrs_to_imu is calibrated
     double ahrs_to_platform[3][3];
-    double yaw[3][3];                           ///< Rz(world_yaw)
-    double acc_bias[3], gyro_bias[3];           ///< I axes
-    double lever[3];                            ///< l, I axes, m
-    double imu_position[3], tracker_target[3];  ///< P, m
-    double std_tilt, std_yaw, std_gyro_bias, std_acc_scale, std_wander;  ///< at the start
-    int64_t max_gap_ns;                                                  ///< between rows
-    int64_t max_carry_ns;                                                ///< without a position
+    double yaw[3][3];                                        ///< Rz(world_yaw)
+    double acc_bias[3], gyro_bias[3];                        ///< I axes
+    double lever[3];                                         ///< l, I axes, m
+    double imu_position[3], tracker_target[3];               ///< P, m
+    double std_tilt, std_yaw, std_gyro_bias, std_acc_scale;  ///< at the start
+    int64_t max_gap_ns;                                      ///< between rows
+    int64_t max_carry_ns;                                    ///< without a position
 
     // state
     bool is_running;                     ///< all of it holds
@@ -91,16 +91,28 @@ typedef struct {
     ipe_motion_epoch_t epoch;
     ipe_attitude_error_t error;                                         ///< as of the last epoch
 
-    uint64_t n_rows;                                                    ///< with a motion
-    uint64_t n_carried;                                                 ///< of these: without a position
-    uint64_t n_no_position;                                             ///< rows refused: no position, and none carried
-    uint64_t n_unsettled;                                               ///< rows refused: tilt not known yet
-    uint64_t n_positions_refused;                                       ///< positions that contradict the motion
-    uint64_t n_restarts;                                                ///< starts after the first
+    bool is_epoch_new;                  ///< the last row ended an epoch: epoch and spread are new
+    ipe_attitude_error_t sensor_error;  ///< of the sensors' own attitude
+
+    uint64_t n_rows;                    ///< with a motion
+    uint64_t n_carried;                 ///< of these: without a position
+    uint64_t n_no_position;             ///< rows with forces refused: no position, and none carried
+    uint64_t n_unsettled;               ///< rows refused: tilt not known yet
+    uint64_t n_positions_refused;       ///< positions that contradict the motion
+    uint64_t n_starts;                  ///< of position and velocity: the first, and after gaps and jumps
     uint64_t n_epochs;
 } ipe_motion_stage_t;
 
+/// Is the attitude of a robot with this configuration estimated here ([attitude] estimate = "fused", positions tracked)?
+bool ipe_motion_is_fused(const ipe_config_t* config);
+
+/// The error that a settled attitude has at R (P to W): for motions that are only planned.
+void ipe_motion_nominal_error(const ipe_config_t* config, const double R[3][3], ipe_attitude_error_t* error);
+
 void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config);
+
+/// The tracked point at the last row, W, m, by the filter.
+void ipe_motion_target(const ipe_motion_stage_t* m, double x[3]);
 
 /// From the next row on use this gyro bias [3], I axes, rad/s.
 void ipe_motion_set_gyro_bias(ipe_motion_stage_t* m, const double bias[3]);
@@ -109,11 +121,8 @@ void ipe_motion_set_gyro_bias(ipe_motion_stage_t* m, const double bias[3]);
 ///
 /// IPE_OK           motion is written
 /// IPE_NOT_READY    too early: tilt or scale not known well enough yet, counted; motion is written (a smoother uses it)
-/// IPE_IGNORED      no position and none carried so far, counted; motion not to be used
+/// IPE_IGNORED      no position and none carried so far, counted if the row has forces; motion not to be used
 /// IPE_ERR_TIME     t_ns not after the row before by less than a second: refused, nothing changed
 ipe_status_t ipe_motion_push(ipe_motion_stage_t* m, const ipe_row_t* row, ipe_motion_t* motion);
-
-/// True if the last row ended an epoch: m->epoch and m->spread are new.
-bool ipe_motion_has_epoch(const ipe_motion_stage_t* m);
 
 #endif

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "systematic.h"
 
+#include "motion.h"
 #include "regressor.h"
 #include "smallmat.h"
 #include "wrench.h"
@@ -30,7 +31,7 @@ static void fill(double* out, int n, double value)
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
 {
     const int m = config->n_cables;
-    fill(std + IPE_XI_ATTITUDE, 3, config->std_attitude);
+    fill(std + IPE_XI_ATTITUDE, 3, ipe_motion_is_fused(config) ? 0.0 : config->std_attitude);
     fill(std + IPE_XI_YAW, 1, config->std_world_yaw);
     fill(std + IPE_XI_ACC_BIAS, 3, config->std_acc_bias);
     fill(std + IPE_XI_ALIGNMENT, 3, config->std_imu_alignment);
@@ -90,10 +91,9 @@ static void pose_columns(const ipe_config_t* config, const ipe_average_t* a, dou
     vec3_cross(a->w, config->tracker_target, rate_arm);
     mat3_mul_vec(a->R, rate_arm, arm);
     vec3_axpy(a->velocity, 1.0, arm, velocity);
-    const double* up = a->R[2];  // z of W in P axes
     for (int j = 0; j < IPE_NY; ++j) {
         memcpy(&X[j][IPE_XI_ATTITUDE], by_attitude[j], 3 * sizeof(double));
-        X[j][IPE_XI_YAW] = vec3_dot(by_attitude[j], up);
+        X[j][IPE_XI_YAW] = 0.0;
         X[j][IPE_XI_POSITION_DELAY] = vec3_dot(by_position[j], velocity);
     }
 }
@@ -147,7 +147,7 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
         double axis[3] = {0.0, 0.0, 0.0}, ds[3], dw[3], dalpha[3], dww[6];
         axis[i] = 1.0;
         motion_column(minus, none, none, theta, IPE_XI_ACC_BIAS + i, X);
-        product_change(a->w, minus, dww);
+        product_change(a->w, ipe_motion_is_fused(config) ? none : minus, dww);
         motion_column(none, dww, none, theta, IPE_XI_FORCE + 2 * config->n_cables + i, X);
         vec3_cross(axis, a->s, ds);
         vec3_cross(axis, a->w, dw);
@@ -157,12 +157,59 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
     }
 }
 
-/// An IMU mounted otherwise gives another attitude too: R(q) R_PI^T exp(-xi) exp(attitude_bias).
+/// What the attitude and the scales of s and w, as the motion stage estimates them, owe to a parameter [8] of it, as a change
+/// of the residual added to column at.
+static void add_estimated(const ipe_average_t* a, const double by_attitude[IPE_NY][3], const double theta[IPE_NP],
+                          const double parameter[IPE_MOTION_NP], int at, double X[IPE_NY][IPE_XI_MAX])
+{
+    double turn_w[3] = {0.0}, turn[3], force_scale = 0.0, rate_scale = 0.0, ds[3], dww[6], dalpha[3], Y[IPE_NY][IPE_NP];
+    for (int k = 0; k < IPE_MOTION_NP; ++k) {
+        for (int i = 0; i < 3; ++i) { turn_w[i] += a->error.attitude[i][k] * parameter[k]; }
+        force_scale += a->error.force_scale[k] * parameter[k];
+        rate_scale += a->error.rate_scale[k] * parameter[k];
+    }
+    mat3_tmul_vec(a->R, turn_w, turn);
+    for (int i = 0; i < 3; ++i) {
+        ds[i] = -force_scale * a->s[i];
+        dalpha[i] = -rate_scale * a->alpha[i];
+    }
+    for (int i = 0; i < 6; ++i) { dww[i] = -2.0 * rate_scale * a->ww[i]; }
+    ipe_regressor(ds, dww, dalpha, Y);
+    for (int j = 0; j < IPE_NY; ++j) {
+        X[j][at] += vec3_dot(by_attitude[j], turn);
+        for (int i = 0; i < IPE_NP; ++i) { X[j][at] -= Y[j][i] * theta[i]; }
+    }
+}
+
+/// The parameters that the motion stage's estimates depend on, ipe_attitude_error_t.
+static void add_estimated_columns(const ipe_config_t* config, const ipe_average_t* a,
+                                  const double by_attitude[IPE_NY][3], const double theta[IPE_NP],
+                                  double X[IPE_NY][IPE_XI_MAX])
+{
+    double lever[3];
+    vec3_axpy(config->tracker_target, -1.0, config->imu_position, lever);
+    for (int i = 0; i < 3; ++i) {
+        double bias[IPE_MOTION_NP] = {0.0}, alignment[IPE_MOTION_NP] = {0.0}, axis[3] = {0.0};
+        bias[IPE_MOTION_BY_ACC_BIAS + i] = 1.0;
+        axis[i] = 1.0;
+        vec3_cross(lever, axis, alignment + IPE_MOTION_BY_LEVER);  // the lever in I axes turns the other way
+        add_estimated(a, by_attitude, theta, bias, IPE_XI_ACC_BIAS + i, X);
+        add_estimated(a, by_attitude, theta, alignment, IPE_XI_ALIGNMENT + i, X);
+    }
+    const double delay[IPE_MOTION_NP] = {[IPE_MOTION_BY_DELAY] = 1.0};
+    const double yaw[IPE_MOTION_NP] = {[IPE_MOTION_BY_YAW] = 1.0};
+    add_estimated(a, by_attitude, theta, delay, IPE_XI_POSITION_DELAY, X);
+    add_estimated(a, by_attitude, theta, yaw, IPE_XI_YAW, X);
+}
+
+/// An IMU mounted otherwise gives another attitude too: of the AHRS R(q) R_PI^T exp(-xi) exp(attitude_bias), fused without
+/// the bias.
 static void add_turned_attitude(const ipe_config_t* config, const double by_attitude[IPE_NY][3],
                                 double X[IPE_NY][IPE_XI_MAX])
 {
+    const double none[3] = {0.0, 0.0, 0.0};
     double bias[3][3], turned[3];
-    mat3_exp(config->attitude_bias, bias);
+    mat3_exp(ipe_motion_is_fused(config) ? none : config->attitude_bias, bias);
     for (int j = 0; j < IPE_NY; ++j) {
         mat3_mul_vec(bias, by_attitude[j], turned);
         vec3_axpy(&X[j][IPE_XI_ALIGNMENT], -1.0, turned, &X[j][IPE_XI_ALIGNMENT]);
@@ -182,5 +229,6 @@ ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_averag
     force_columns(config, average, W, X);
     motion_columns(config, average, theta, X);
     add_turned_attitude(config, by_attitude, X);
+    add_estimated_columns(config, average, (const double (*)[3])by_attitude, theta, X);
     return IPE_OK;
 }

@@ -87,10 +87,11 @@ namespace detail {
 
 constexpr int LAGS = 25;
 constexpr double PRIOR_WINDOWS = 3.0;
-constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever of it wander explains
-constexpr double CONVERGED = 1e-3;   // sigmas
+constexpr double LEAST_NOISE = 0.1;      // of the innovations' variance, whatever of it wander explains
+constexpr double SHORTEST_WANDER = 0.1;  // s, as filter_states.c has it
+constexpr double CONVERGED = 1e-3;       // sigmas
 constexpr double SMALLEST_STD = 1e-12;
-constexpr double GYRO_FLOOR = 1e-6;  // rad/s
+constexpr double GYRO_FLOOR = 1e-6;      // rad/s
 
 using Square6 = Eigen::Matrix<double, 6, 6>;
 using Column6 = Eigen::Matrix<double, 6, 1>;
@@ -204,18 +205,27 @@ inline SmoothWindow reproducing(const Eigen::MatrixXd& W, const Column6& residua
 /// equations at once, since what it would estimate is linear in them.
 class Wander {
 public:
-    Wander(double std, Eigen::Index n_columns) : std_(std), estimate_(Eigen::MatrixXd::Zero(3, n_columns)) {}
+    Wander(bool is_modelled, Eigen::Index n_columns)
+        : is_modelled_(is_modelled), estimate_(Eigen::MatrixXd::Zero(3, n_columns))
+    {
+    }
 
-    /// Equations [6][n_columns] at t_ns, of which wander makes turn [6][3] times itself, become innovations; returns the
-    /// covariance of wander's part in them. V: of the rest.
-    Square6 take_out(int64_t t_ns, const Eigen::Matrix<double, 6, 3>& turn, const Square6& V,
+    /// Equations [6][n_columns] of a window, of which wander makes turn [6][3] times itself, become innovations; returns
+    /// the covariance of wander's part in them. V: of the rest.
+    Square6 take_out(const ipe_average_t& window, const Eigen::Matrix<double, 6, 3>& turn, const Square6& V,
                      Eigen::Ref<Eigen::MatrixXd> rows)
     {
-        const double elapsed = t_ns_ == 0 ? HUGE_VAL : 1e-9 * static_cast<double>(t_ns - t_ns_) / IPE_WANDER_TIME;
-        const double fade = std::exp(-elapsed);
-        t_ns_ = t_ns;
-        estimate_ *= fade;
-        P_ = fade * fade * P_ + std_ * std_ * (1.0 - fade * fade) * Eigen::Matrix3d::Identity();
+        if (!is_modelled_) { return Square6::Zero(); }
+        const double elapsed = t_ns_ == 0 ? HUGE_VAL : 1e-9 * static_cast<double>(window.t_ns - t_ns_);
+        Eigen::Vector3d fade, drive;
+        for (int i = 0; i < 3; ++i) {
+            fade[i] = std::exp(-elapsed / std::max(window.error.attitude_time[i], SHORTEST_WANDER));
+            drive[i] = window.error.attitude_std[i] * window.error.attitude_std[i] * (1.0 - fade[i] * fade[i]);
+        }
+        t_ns_ = window.t_ns;
+        estimate_ = (fade.asDiagonal() * estimate_).eval();
+        P_ = (fade.asDiagonal() * P_ * fade.asDiagonal()).eval();
+        P_.diagonal() += drive;
         const Square6 part = turn * P_ * turn.transpose();
         const Eigen::Matrix<double, 3, 6> gain = Square6(part + V).llt().solve(turn * P_).transpose();
         rows -= turn * estimate_;
@@ -225,7 +235,7 @@ public:
     }
 
 private:
-    double std_;
+    bool is_modelled_;
     int64_t t_ns_ = 0;
     Eigen::Matrix3d P_ = Eigen::Matrix3d::Zero();
     Eigen::MatrixXd estimate_;
@@ -351,7 +361,8 @@ struct Problem {
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
             const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
             const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
-            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE) *
+                                Eigen::Map<const Matrix3>(&a.R[0][0]).transpose();  // about W's axes
             if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
             for (std::size_t i = 0; i < free.size(); ++i) {
                 block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
@@ -363,12 +374,12 @@ struct Problem {
     /// V of a run from its residuals, wander taken out of them by what V was so far.
     Square6 learnt_covariance(const Linearised& run, const Equations& measured, const Square6& V_before) const
     {
-        Wander wander(wander_std(), 1);
+        Wander wander(!free.empty(), 1);
         std::vector<Column6> innovation;
         Column6 explained = Column6::Zero();
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
+            explained += wander.take_out(run.window[k], measured.turn[k], V_before, e).diagonal();
             innovation.push_back(e);
         }
         return run_covariance(config, run.window, innovation, explained);
@@ -377,10 +388,10 @@ struct Problem {
     /// The run's rows as independent ones of unit variance.
     Eigen::MatrixXd whitened(const Linearised& run, Equations measured, const Square6& C) const
     {
-        Wander wander(wander_std(), n + 1);
+        Wander wander(!free.empty(), n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Square6 part = wander.take_out(run.window[k].t_ns, measured.turn[k], C, block);
+            const Square6 part = wander.take_out(run.window[k], measured.turn[k], C, block);
             const Square6 L = Square6(part + C).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
         }
@@ -394,8 +405,6 @@ struct Problem {
         for (const BatchFit& f : of) { n_windows += static_cast<double>(f.n_windows); }
         return 6.0 * n_windows / (2.0 / 3.0 * (LAGS + 1));
     }
-
-    double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
 
     Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
     {
@@ -569,7 +578,9 @@ inline BatchBody publish_body(const Problem& problem, int group)
 /// Solve. Throws std::domain_error with the reason where there is nothing to solve or no body comes out.
 inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
 {
-    detail::Problem problem(config, runs, settings);
+    Config used = config;
+    for (const BatchRun& run : runs) { used = usable(used, run.derived); }
+    detail::Problem problem(used, runs, settings);
     BatchResult result{};
     for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
         const int step = result.n_steps;
