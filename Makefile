@@ -15,6 +15,7 @@ Q := $(if $(filter 1,$(V)),,@)
 say = $(if $(filter 1,$(V)),,@echo '  $(1)';)
 
 PY := .venv/bin/python
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' host/inertiad/pyproject.toml)
 SITE := .venv/site
 GEN := $(patsubst lcm_types/%.lcm,build/gen/inertiad_lcm_%.c,$(wildcard lcm_types/*.lcm))
 
@@ -36,6 +37,8 @@ INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/inc
 CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
 CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
 $(CORE): CFLAGS += -std=c11
+$(B)/obj/firmware/app/options.o: CFLAGS += -DINERTIAD_VERSION='"$(VERSION)"'
+$(B)/obj/firmware/app/options.o: host/inertiad/pyproject.toml
 
 ## Print this list
 help:
@@ -217,7 +220,7 @@ format-check: .venv/lint.stamp
 ## Look for mistakes without running: compiler warnings, clang-tidy, ruff, mypy, shellcheck
 lint: .venv/lint.stamp .venv/test.stamp build
 	@$(MAKE) --no-print-directory B=build/strict WERROR=-Werror build unit-programs
-	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 $(INCLUDE)
+	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 -DINERTIAD_VERSION='"$(VERSION)"' $(INCLUDE)
 	$(Q).venv/bin/ruff check -q --config host/inertiad/pyproject.toml $(PY_FILES)
 	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
 	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl tools/mistakes .ci/run

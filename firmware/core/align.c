@@ -61,22 +61,6 @@ static bool read_attitude(const ipe_align_t* a, const double* value, double q[4]
     return fabs(norm - 1.0) < QUATERNION_TOLERANCE;
 }
 
-/// Count how late a sample of this instant comes.
-static void note_lateness(ipe_align_t* a, ipe_sensor_t sensor, int64_t instant)
-{
-    const ipe_ring_t* imu = &a->ring[IPE_IMU];
-    ipe_lateness_t* of = &a->lateness[sensor];
-    if (sensor == IPE_IMU || timed(imu) == imu->first) { return; }
-    const int64_t late_ns = stamp(imu, timed(imu) - 1) - instant;
-    if (late_ns > of->largest_ns) { of->largest_ns = late_ns; }
-    of->n_too_late += a->row_ns != 0 && instant < a->row_ns;
-}
-
-ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor)
-{
-    return a->lateness[sensor];
-}
-
 static void store(ipe_align_t* a, ipe_sensor_t sensor, uint64_t place, const double* value, const double q[4])
 {
     const uint64_t at = place % IPE_RING;
@@ -128,7 +112,6 @@ static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
     if (i == ring->first || t_ns > stamp(ring, i - 1)) { return IPE_OK; }
     if (stamp(ring, i - 1) - t_ns > RESTART_NS) {
         ++a->n_restarts[sensor];
-        if (sensor == IPE_IMU) { a->row_ns = 0; }
         ring->first = ring->cursor = ring->head;
         return IPE_OK;
     }
@@ -176,7 +159,6 @@ ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
     store(a, sensor, place, value, q);
     a->ring[sensor].t_ns[place % IPE_RING] = instant;
     ++a->n_samples[sensor];
-    note_lateness(a, sensor, instant);
     return IPE_OK;
 }
 
@@ -220,7 +202,6 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
             }
             ring->t_ns[i % IPE_RING] = instant;
             ++a->n_samples[sensor];
-            note_lateness(a, sensor, instant);
         }
         copy_sample(a, sensor, i, place);
         ++ring->head;
@@ -361,7 +342,6 @@ ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
         count(a, IPE_POSITION, position);
         ++imu->cursor;
         ++a->n_rows;
-        a->row_ns = t_ns;
         return IPE_OK;
     }
     return IPE_NOT_READY;

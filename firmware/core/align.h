@@ -9,7 +9,7 @@
 /// has_position), counted by cause.
 /// A sample may come up to 8 samples late within its own stream if no row has used its neighbours yet. Samples whose instant
 /// is not known yet are held in the ring; rows wait for them as for samples that have not come.
-/// 327 KB of state (27 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
+/// 329 KB of state (31 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
 /// stamps, not on when they were pushed, as long as no row waits longer than it may.
 #ifndef IPE_ALIGN_H
 #define IPE_ALIGN_H
@@ -28,12 +28,6 @@ typedef struct {
     uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
 } ipe_ring_t;
 
-/// How late the samples of a sensor come, in data time: behind the newest IMU sample whose instant is known.
-typedef struct {
-    int64_t largest_ns;   ///< largest lateness of a sample taken in
-    uint64_t n_too_late;  ///< samples that came after rows past their instant had gone on without them
-} ipe_lateness_t;
-
 typedef struct {
     int n_cables;
     bool has_rpy;
@@ -47,8 +41,6 @@ typedef struct {
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
     uint64_t position_seen;                  ///< the tracker sample at or before the last row that has a position
-    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
-    int64_t row_ns;                          ///< instant of the last row; 0: none yet
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
@@ -79,8 +71,5 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
 
 /// The next row, once its sensors are there or are not waited for any longer. IPE_OK or IPE_NOT_READY.
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);
-
-/// Lateness of a sensor since the start. If n_too_late is not 0, max_wait (s) has to be raised over largest_ns.
-ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor);
 
 #endif

@@ -7,7 +7,7 @@
 ///   gyro bias 3 (better taken at rest), force delay 1 (no measurable effect on theta).
 /// With xi true, y + X xi - Y theta is noise. The wrench's part is taken at the pose, tensions and slopes of the
 /// window's middle, its derivative with respect to pose by central differences of the wrench matrix; Y's part is exact.
-/// Source: firmware/DESIGN.md, "Systematic parameters". No state, any thread, about 5 us per window of 8 cables.
+/// Source: firmware/DESIGN.md, "States". No state, any thread, about 5 us per window of 8 cables.
 #ifndef IPE_SYSTEMATIC_H
 #define IPE_SYSTEMATIC_H
 
@@ -27,6 +27,11 @@ enum {
 /// Number of systematic parameters of a robot with n_cables, and how many of them, the first, the filter carries.
 int ipe_systematic_count(int n_cables);
 int ipe_systematic_filter_count(int n_cables);
+
+/// Write the name of parameter index of a robot with n_cables into name: "acc_bias_x", "force_offset_3". Index below
+/// ipe_systematic_count(n_cables).
+enum { IPE_SYSTEMATIC_NAME_MAX = 24 };
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX]);
 
 /// One sigma [ipe_systematic_count()] of each, from the configuration's std_*.
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX]);

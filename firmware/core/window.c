@@ -6,11 +6,11 @@
 #include <math.h>
 #include <string.h>
 
-#define GAP_PERIODS 1.8                // rows further apart than this have lost one between them
-#define GAP_FRACTION (1.0 / 40.0)      // of the window: a gap shorter than this does no harm
-#define MIN_QUARTER 2                  // samples per quarter window
-#define STEP_BACK_S 1.0                // a stamp this far back: the clock was stepped, start again
-#define BLOCKS_PER_QUARTER 8.0         // that tell the white noise
+#define GAP_PERIODS 1.8            // between rows: chosen under 2, so that one lost row is seen in spite of jitter
+#define GAP_FRACTION (1.0 / 40.0)  // of the window, 10 ms of 0.4 s: chosen so that a shorter gap does no harm
+#define MIN_QUARTER 2              // samples per quarter window: the least that gives the kernel a shape
+#define STEP_BACK_S 1.0            // s, chosen over any reordering: a stamp this far back means the clock was stepped
+#define BLOCKS_PER_QUARTER 8.0     // of noise_density.h: chosen so that their differences see no motion
 #define KERNEL_SQUARE (151.0 / 315.0)  // integral of the B-spline squared, quarters
 #define SLOPE_SQUARE (2.0 / 3.0)       // integral of its derivative squared, per quarter cubed
 

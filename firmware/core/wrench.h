@@ -3,7 +3,7 @@
 ///
 ///   f_i = (measured_i - offset_i)/(1 + gain_i)
 ///   F = sum R^T (f_i u_i + sag_i)    tau = sum (b_i - p_I) x R^T (f_i u_i + sag_i)
-/// Source: firmware/DESIGN.md, "Wrench". 2 KB of state, about 0.5 us for 8 cables, one thread.
+/// Source: firmware/DESIGN.md, "Cables". 2 KB of state, about 0.5 us for 8 cables, one thread.
 #ifndef IPE_WRENCH_H
 #define IPE_WRENCH_H
 

@@ -510,11 +510,21 @@ NB_MODULE(inertiad_core, m)
             "step",
             [](OwnedPipeline& p) {
                 ipe_row_t row;
-                return int(p.view.step(row));
+                const int status = p.view.step(row);
+                if (status == IPE_OK || status == IPE_IGNORED) { p.rows.push_back(row); }
+                return status;
             },
-            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
+            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused. A used row is kept for Windows.")
         .def("drain", &OwnedPipeline::drain, "Step until no row is ready; the rows are kept for Windows.")
         .def("flush", [](OwnedPipeline& p) { p.view.flush(); })
+        .def(
+            "freeze", [](OwnedPipeline& p, bool is_frozen) { p.view.freeze(is_frozen); }, "is_frozen"_a,
+            "Stop learning from windows, or resume it.")
+        .def(
+            "reset", [](OwnedPipeline& p) { p.view.reset(); }, "Start the estimator again from its prior.")
+        .def(
+            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); }, "bias"_a,
+            "Use this gyro bias [3], I axes, rad/s, from the next row on.")
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 
