@@ -195,7 +195,7 @@ static void test_later_than_max_wait_goes_on_with_the_carried_position(void)
     const outcome_t on_time = play(&prompt, 6000), late = play(&scene, 6000);  // given: 0.4 s late; when
     TEST_ASSERT_TRUE(on_time.n_carried < 4);  // past the last position                             // then
     TEST_ASSERT_TRUE(late.digest != on_time.digest);
-    TEST_ASSERT_GREATER_THAN_UINT64(100, pipeline.align.n_carried + pipeline.align.n_late[IPE_POSITION]);
+    TEST_ASSERT_GREATER_THAN_UINT64(100, pipeline.motion.n_carried + pipeline.align.n_late[IPE_POSITION]);
 }
 
 static void test_max_wait_beyond_the_buffers_is_refused_where_the_rate_is_known(void)
