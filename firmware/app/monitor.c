@@ -157,8 +157,7 @@ static void report_lateness(daemon_t* d, ipe_sensor_t sensor)
 {
     char text[REASON_SIZE];
     const ipe_align_t* a = &d->pipeline->align;
-    const uint64_t n_lost = a->n_late[sensor] + (sensor == IPE_POSITION ? a->n_carried : 0);
-    switch (ipe_lateness_look(&d->lateness[sensor], n_lost, a->max_wait_ns)) {
+    switch (ipe_lateness_look(&d->lateness[sensor], a->n_late[sensor], a->max_wait_ns)) {
     case IPE_LATENESS_BEGAN:
         health_describe_lateness(d, sensor, text, sizeof text);
         report(d, health_sensor_name(sensor), "%s", text);
