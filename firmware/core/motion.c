@@ -20,7 +20,7 @@
 #define TILT_STD_MIN 0.1         // rad: an AHRS that follows acceleration may be this far off at the start
 #define YAW_STD_MIN 0.01         // rad
 #define GYRO_BIAS_STD_MIN 2e-3   // rad/s
-#define SCALE_STD 1e-2
+#define SCALE_STD_MIN 5e-3
 #define IPE_WANDER_TIME 20.0     // s, of the AHRS's yaw
 #define SETTLED_TILT 5e-3        // rad: motion is published from here on
 #define SETTLED_SCALE 1e-3
@@ -97,7 +97,8 @@ void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config)
     m->std_tilt = fmax(config->std_attitude, TILT_STD_MIN);
     m->std_yaw = fmax(config->std_attitude_wander, YAW_STD_MIN);
     m->std_gyro_bias = fmax(config->std_gyro_bias, GYRO_BIAS_STD_MIN);
-    m->std_acc_scale = SCALE_STD + config->std_acc_bias / fmax(config->gravity, 1.0);
+    m->std_acc_scale = fmax(config->std_acc_scale, SCALE_STD_MIN) + config->std_acc_bias / fmax(config->gravity, 1.0);
+    m->std_gyro_scale = fmax(config->std_gyro_scale, SCALE_STD_MIN);
     m->max_gap_ns = (int64_t)llround(1e9 * config->max_age[IPE_IMU]);
     m->max_carry_ns = (int64_t)llround(1e9 * config->max_carry);
     m->position_variance = square(START_POSITION_STD);
@@ -115,8 +116,8 @@ void ipe_motion_set_gyro_bias(ipe_motion_stage_t* m, const double bias[3])
 static void calibrate(const ipe_motion_stage_t* m, const double acc[3], const double gyro[3], double s[3], double w[3])
 {
     for (int i = 0; i < 3; ++i) {
-        s[i] = (acc[i] - m->acc_bias[i]) * (1.0 - m->beta);
-        w[i] = (gyro[i] - m->gyro_bias[i] - m->b[i]) * (1.0 - m->kappa);
+        s[i] = (acc[i] - m->acc_bias[i]) * (1.0 - m->beta[i]);
+        w[i] = (gyro[i] - m->gyro_bias[i] - m->b[i]) * (1.0 - m->kappa[i]);
     }
 }
 
@@ -146,37 +147,37 @@ static void clear_sums(ipe_motion_stage_t* m)
 /// Acceleration of the IMU point at the last row.
 static void accelerate(ipe_motion_stage_t* m)
 {
-    double s[3], w[3];
-    calibrate(m, m->acc, m->gyro, s, w);
-    mat3_mul_vec(m->R, s, m->a);
+    double w[3];
+    calibrate(m, m->acc, m->gyro, m->s, w);
+    mat3_mul_vec(m->R, m->s, m->a);
     m->a[2] -= m->gravity;
 }
 
 /// p, v, R over dt seconds to a row with these readings; trapezoids.
 static void advance_mean(ipe_motion_stage_t* m, double dt, const double acc[3], const double gyro[3])
 {
-    double s[3], w[3], mean[3], turn[3], turned[3][3], R[3][3], a_before[3], middle[3], unused[3];
+    double s[3], w[3], mean[3], turn[3], turned[3][3], R[3][3], s_before[3], a_before[3];
     for (int i = 0; i < 3; ++i) { mean[i] = 0.5 * (m->gyro[i] + gyro[i]); }
     calibrate(m, acc, mean, s, w);
     for (int i = 0; i < 3; ++i) { turn[i] = dt * w[i]; }
     mat3_exp(turn, turned);
     mat3_mul(m->R, turned, R);
+    memcpy(s_before, m->s, sizeof s_before);
     memcpy(a_before, m->a, sizeof a_before);
     memcpy(m->acc, acc, sizeof m->acc);
     memcpy(m->gyro, gyro, sizeof m->gyro);
     if (m->block_length == 0) { m->block_length = (int)fmax(1.0, round(1e-9 * EPOCH_NS / dt)); }
     ipe_noise_density_push(&m->noise, (double[]){acc[0], acc[1], acc[2], gyro[0], gyro[1], gyro[2]}, m->block_length);
     for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { m->sum_R[i][j] += 0.5 * dt * (m->R[i][j] + R[i][j]); }
+        for (int j = 0; j < 3; ++j) {
+            m->sum_R[i][j] += 0.5 * dt * (m->R[i][j] + R[i][j]);
+            m->sum_turn[i][j] += 0.5 * (m->R[i][j] + R[i][j]) * turn[j];
+            m->sum_force[i][j] += 0.5 * dt * (m->R[i][j] * s_before[j] + R[i][j] * s[j]);
+        }
     }
-    mat3_mul_vec(m->R, turn, middle);
-    mat3_mul_vec(R, turn, unused);
     memcpy(m->R, R, sizeof m->R);
     accelerate(m);
     for (int i = 0; i < 3; ++i) {
-        const double up = i == 2 ? m->gravity : 0.0;
-        m->sum_turn[i] += 0.5 * (middle[i] + unused[i]);
-        m->sum_force[i] += dt * (0.5 * (a_before[i] + m->a[i]) + up);
         m->p[i] += dt * (m->v[i] + dt * (2.0 * a_before[i] + m->a[i]) / 6.0);
         m->v[i] += 0.5 * dt * (a_before[i] + m->a[i]);
     }
@@ -206,9 +207,9 @@ static void apply(ipe_motion_stage_t* m, const double d[N])
         m->p[i] += d[PP + i];
         m->v[i] += d[VV + i];
         m->b[i] += d[BIAS + i];
+        m->beta[i] += d[BETA + i];
+        m->kappa[i] += d[KAPPA + i];
     }
-    m->beta += d[BETA];
-    m->kappa += d[KAPPA];
     accelerate(m);
 }
 
@@ -222,34 +223,40 @@ static void put_cross(const double a[3], double k, double out[N][N], int row, in
     out[row + 2][column] = -k * a[1], out[row + 2][column + 1] = k * a[0];
 }
 
-/// Error over the epoch of T s: Phi [14][14], and G [14][3] of the accelerometer's bias.
+/// A state whose unit turns the attitude back by turn over the epoch, and the force f with it.
+static void put_turn(const double turn[3], const double f[3], double T, int state, double Phi[N][N])
+{
+    double across[3];
+    vec3_cross(f, turn, across);
+    for (int i = 0; i < 3; ++i) {
+        Phi[PHI + i][state] = -turn[i];
+        Phi[VV + i][state] = 0.5 * across[i];
+        Phi[PP + i][state] = T / 6.0 * across[i];
+    }
+}
+
+/// Error over the epoch of T s: Phi [18][18], and G [18][3] of the accelerometer's bias.
 static void transition(const ipe_motion_stage_t* m, double T, double Phi[N][N], double G[N][3])
 {
-    const double* f = m->sum_force;
+    double f[3];
     memset(Phi, 0, sizeof(double) * N * N);
     memset(G, 0, sizeof(double) * N * 3);
     for (int i = 0; i < N; ++i) { Phi[i][i] = 1.0; }
+    for (int i = 0; i < 3; ++i) {
+        f[i] = m->sum_force[i][0] + m->sum_force[i][1] + m->sum_force[i][2];
+        Phi[PP + i][VV + i] = T;
+    }
     put_cross(f, -0.5 * T, Phi, PP, PHI);
     put_cross(f, -1.0, Phi, VV, PHI);
-    double by_kappa[3];
-    vec3_cross(f, m->sum_turn, by_kappa);
-    for (int i = 0; i < 3; ++i) {
-        Phi[PP + i][VV + i] = T;
-        Phi[PP + i][BETA] = -0.5 * T * f[i];
-        Phi[VV + i][BETA] = -f[i];
-        Phi[PHI + i][KAPPA] = -m->sum_turn[i];
-        Phi[VV + i][KAPPA] = 0.5 * by_kappa[i];
-        Phi[PP + i][KAPPA] = T / 6.0 * by_kappa[i];
-    }
     for (int j = 0; j < 3; ++j) {
         const double column[3] = {m->sum_R[0][j], m->sum_R[1][j], m->sum_R[2][j]};
-        double by_bias[3];
-        vec3_cross(f, column, by_bias);
+        const double turn[3] = {m->sum_turn[0][j], m->sum_turn[1][j], m->sum_turn[2][j]};
+        put_turn(column, f, T, BIAS + j, Phi);
+        put_turn(turn, f, T, KAPPA + j, Phi);
         for (int i = 0; i < 3; ++i) {
-            Phi[PHI + i][BIAS + j] = -column[i];
-            Phi[VV + i][BIAS + j] = 0.5 * by_bias[i];
-            Phi[PP + i][BIAS + j] = T / 6.0 * by_bias[i];
-            G[VV + i][j] = -column[i] * (1.0 - m->beta);
+            Phi[VV + i][BETA + j] = -m->sum_force[i][j];
+            Phi[PP + i][BETA + j] = -0.5 * T * m->sum_force[i][j];
+            G[VV + i][j] = -column[i] * (1.0 - m->beta[j]);
             G[PP + i][j] = 0.5 * T * G[VV + i][j];
         }
     }
@@ -300,9 +307,9 @@ static void predict(ipe_motion_stage_t* m, double T)
         P[VV + i][VV + i] += acc;
         P[PHI + i][PHI + i] += m->gyro_density * T;
         P[BIAS + i][BIAS + i] += square(BIAS_DRIVE) * T;
+        P[BETA + i][BETA + i] += square(SCALE_DRIVE) * T;
+        P[KAPPA + i][KAPPA + i] += square(SCALE_DRIVE) * T;
     }
-    P[BETA][BETA] += square(SCALE_DRIVE) * T;
-    P[KAPPA][KAPPA] += square(SCALE_DRIVE) * T;
 }
 
 /// One scalar measurement, innovation = H error + H_c parameters + noise; its correction is added to d.
@@ -461,8 +468,11 @@ static void start(ipe_motion_stage_t* m, const ipe_row_t* row)
     P[PHI][PHI] = P[PHI + 1][PHI + 1] = square(m->std_tilt);
     P[PHI + 2][PHI + 2] = square(m->std_yaw);
     S[PHI + 2][IPE_MOTION_BY_YAW] = 1.0;
-    for (int i = 0; is_first && i < 3; ++i) { P[BIAS + i][BIAS + i] = square(m->std_gyro_bias); }
-    if (is_first) { P[BETA][BETA] = P[KAPPA][KAPPA] = square(m->std_acc_scale); }
+    for (int i = 0; is_first && i < 3; ++i) {
+        P[BIAS + i][BIAS + i] = square(m->std_gyro_bias);
+        P[BETA + i][BETA + i] = square(m->std_acc_scale);
+        P[KAPPA + i][KAPPA + i] = square(m->std_gyro_scale);
+    }
     memcpy(m->acc, row->acc, sizeof m->acc);
     memcpy(m->gyro, row->gyro, sizeof m->gyro);
     m->t_ns = row->t_ns;
@@ -567,7 +577,7 @@ void ipe_motion_nominal_error(const ipe_config_t* config, const double R[3][3], 
         const int at = IPE_MOTION_BY_ACC_BIAS + k;
         error->attitude[0][at] = -R_I[1][k] / config->gravity;
         error->attitude[1][at] = R_I[0][k] / config->gravity;
-        error->force_scale[at] = -R_I[2][k] / config->gravity;
+        for (int i = 0; i < 3; ++i) { error->force_scale[i][at] = -R_I[2][k] / config->gravity; }
     }
 }
 
@@ -618,11 +628,17 @@ void ipe_motion_target(const ipe_motion_stage_t* m, double x[3])
     vec3_axpy(m->p, 1.0, arm, x);
 }
 
-/// Rows of this precision can be used.
+/// Are tilt, and the scale along the specific force, known well enough for rows to be used?
 static bool is_settled(const ipe_motion_stage_t* m)
 {
-    const double* std = m->error.attitude_std;
-    return fmax(std[0], std[1]) < SETTLED_TILT && m->spread.P[BETA][BETA] < square(SETTLED_SCALE);
+    const double (*P)[N] = (const double (*)[N])m->spread.P;
+    const double s2 = vec3_dot(m->s, m->s);
+    double share[3], variance = 0.0;
+    for (int i = 0; i < 3; ++i) { share[i] = m->s[i] * m->s[i] / fmax(s2, 1e-12); }
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) { variance += share[i] * share[j] * P[BETA + i][BETA + j]; }
+    }
+    return fmax(P[PHI][PHI], P[PHI + 1][PHI + 1]) < square(SETTLED_TILT) && variance < square(SETTLED_SCALE);
 }
 
 static bool is_carried(const ipe_motion_stage_t* m)

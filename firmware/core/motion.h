@@ -6,8 +6,8 @@
 ///   p, v   6   IMU point in W                 m, m/s
 ///   phi    3   R_true = exp(phi) R, W axes    rad        R: I to W
 ///   b      3   gyro bias, I axes              rad/s      w = (gyro - gyro_bias - b)(1 - kappa)
-///   beta   1   scale of the accelerometer     1          s = (acc - acc_bias)(1 - beta)
-///   kappa  1   scale of the gyro              1
+///   beta   3   scales of the accelerometer, I axes       s = (acc - acc_bias)(1 - beta)
+///   kappa  3   scales of the gyro, I axes
 ///   p' = v    v' = R s - g z    R' = R [w]x    x = p + R l      l: from the IMU to the tracked point, I axes
 /// The mean advances with every row. The covariance advances once per epoch of 40 ms, with the mean of the positions since
 /// then as its measurement, and the yaw of the AHRS as a weak one: its error is a bias and a slow wander. The tilt of the
@@ -25,7 +25,7 @@
 #include "noise_density.h"
 #include "types.h"
 
-enum { IPE_MOTION_STATES = 14 };
+enum { IPE_MOTION_STATES = 18 };
 
 /// The states' order, and the parameters'.
 enum {
@@ -34,7 +34,7 @@ enum {
     IPE_MOTION_PHI = 6,
     IPE_MOTION_BIAS = 9,
     IPE_MOTION_BETA = 12,
-    IPE_MOTION_KAPPA = 13
+    IPE_MOTION_KAPPA = 15
 };
 enum { IPE_MOTION_BY_ACC_BIAS = 0, IPE_MOTION_BY_LEVER = 3, IPE_MOTION_BY_DELAY = 6, IPE_MOTION_BY_YAW = 7 };
 
@@ -53,37 +53,37 @@ typedef struct {
 
 typedef struct {
     // settings
-    bool is_fused;                                           ///< R, s, w are the filter's; else the sensors'
-    bool is_fixed;                                           ///< position is fixed: no filter
-    double gravity;                                          ///< m/s2
-    double R_PI[3][3];                                       ///< I axes to P axes
-    double ahrs_to_imu[3][3];                                ///< I axes: R(q) ahrs_to_imu is calibrated
+    bool is_fused;                              ///< R, s, w are the filter's; else the sensors'
+    bool is_fixed;                              ///< position is fixed: no filter
+    double gravity;                             ///< m/s2
+    double R_PI[3][3];                          ///< I axes to P axes
+    double ahrs_to_imu[3][3];                   ///< I axes: R(q) ahrs_to_imu is calibrated
     double ahrs_to_platform[3][3];
-    double yaw[3][3];                                        ///< Rz(world_yaw)
-    double acc_bias[3], gyro_bias[3];                        ///< I axes
-    double lever[3];                                         ///< l, I axes, m
-    double imu_position[3], tracker_target[3];               ///< P, m
-    double std_tilt, std_yaw, std_gyro_bias, std_acc_scale;  ///< at the start
-    int64_t max_gap_ns;                                      ///< between rows
-    int64_t max_carry_ns;                                    ///< without a position
+    double yaw[3][3];                           ///< Rz(world_yaw)
+    double acc_bias[3], gyro_bias[3];           ///< I axes
+    double lever[3];                            ///< l, I axes, m
+    double imu_position[3], tracker_target[3];  ///< P, m
+    double std_tilt, std_yaw, std_gyro_bias, std_acc_scale, std_gyro_scale;  ///< at the start
+    int64_t max_gap_ns;                                                      ///< between rows
+    int64_t max_carry_ns;                                                    ///< without a position
 
     // state
-    bool is_running;                     ///< all of it holds
-    int64_t t_ns;                        ///< of the last row
-    int64_t seen_ns;                     ///< of the last row with a position
-    int64_t epoch_ns;                    ///< begin of the epoch
-    double p[3], v[3], R[3][3], b[3], beta, kappa;
-    ipe_motion_spread_t spread;          ///< at the epoch's begin
-    double position_variance;            ///< of one tracker sample, learnt from innovations, m2
-    int n_learnt;                        ///< epochs that taught it
-    double acc[3], gyro[3], q[4], a[3];  ///< last row's, a = R s - g z
-    ipe_noise_density_t noise;           ///< of acc and gyro
-    int block_length;                    ///< rows of an epoch, 0: no row followed another yet
-    double acc_density, gyro_density;    ///< (m/s2)^2/Hz, (rad/s)^2/Hz
-    double gate2;                        ///< m2: a position further off contradicts
+    bool is_running;                           ///< all of it holds
+    int64_t t_ns;                              ///< of the last row
+    int64_t seen_ns;                           ///< of the last row with a position
+    int64_t epoch_ns;                          ///< begin of the epoch
+    double p[3], v[3], R[3][3], b[3], beta[3], kappa[3];
+    ipe_motion_spread_t spread;                ///< at the epoch's begin
+    double position_variance;                  ///< of one tracker sample, learnt from innovations, m2
+    int n_learnt;                              ///< epochs that taught it
+    double acc[3], gyro[3], q[4], s[3], a[3];  ///< last row's, s calibrated, a = R s - g z
+    ipe_noise_density_t noise;                 ///< of acc and gyro
+    int block_length;                          ///< rows of an epoch, 0: no row followed another yet
+    double acc_density, gyro_density;          ///< (m/s2)^2/Hz, (rad/s)^2/Hz
+    double gate2;                              ///< m2: a position further off contradicts
 
     // sums over the epoch
-    double sum_R[3][3], sum_turn[3], sum_force[3];                      ///< integrals of R, R w, R s
+    double sum_R[3][3], sum_turn[3][3], sum_force[3][3];                ///< integrals of R, R diag(w), R diag(s)
     double sum_e[3], sum_R_position[3][3], sum_velocity[3], sum_since;  ///< over its positions
     int n_positions;
     int n_refused_row;                                                  ///< positions refused one after another

@@ -178,23 +178,47 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
     }
 }
 
-/// What the attitude and the scales of s and w, as the motion stage estimates them, owe to a parameter [8] of it, as a change
-/// of the residual added to column at.
-static void add_estimated(const ipe_average_t* a, const double by_attitude[IPE_NY][3], const double theta[IPE_NP],
-                          const double parameter[IPE_MOTION_NP], int at, double X[IPE_NY][IPE_XI_MAX])
+/// -diag(scale) of I axes, applied to a vector of P axes.
+static void scaled_back(const double R_PI[3][3], const double scale[3], const double v[3], double out[3])
 {
-    double turn_w[3] = {0.0}, turn[3], force_scale = 0.0, rate_scale = 0.0, ds[3], dww[6], dalpha[3], Y[IPE_NY][IPE_NP];
+    double v_I[3];
+    mat3_tmul_vec(R_PI, v, v_I);
+    for (int i = 0; i < 3; ++i) { v_I[i] *= -scale[i]; }
+    mat3_mul_vec(R_PI, v_I, out);
+}
+
+/// The change of w w^T, given as xx yy zz yz xz xy, where w changes as scaled_back() has it.
+static void products_scaled_back(const double R_PI[3][3], const double scale[3], const double ww[6], double dww[6])
+{
+    const double M[3][3] = {{ww[0], ww[5], ww[4]}, {ww[5], ww[1], ww[3]}, {ww[4], ww[3], ww[2]}};
+    double D[3][3];
+    for (int i = 0; i < 3; ++i) { scaled_back(R_PI, scale, M[i], D[i]); }  // row i: change of w_i's partner
+    for (int i = 0; i < 3; ++i) { dww[i] = 2.0 * D[i][i]; }
+    dww[3] = D[1][2] + D[2][1];
+    dww[4] = D[0][2] + D[2][0];
+    dww[5] = D[0][1] + D[1][0];
+}
+
+/// How the attitude and the scales of s and w, as the motion stage estimates them, depend on a parameter [8] of it: added to
+/// column at as a change of the residual.
+static void add_estimated(const ipe_config_t* config, const ipe_average_t* a, const double by_attitude[IPE_NY][3],
+                          const double theta[IPE_NP], const double parameter[IPE_MOTION_NP], int at,
+                          double X[IPE_NY][IPE_XI_MAX])
+{
+    double turn_w[3] = {0.0}, turn[3], force_scale[3] = {0.0}, rate_scale[3] = {0.0};
+    double ds[3], dww[6], dalpha[3], R_PI[3][3], Y[IPE_NY][IPE_NP];
     for (int k = 0; k < IPE_MOTION_NP; ++k) {
-        for (int i = 0; i < 3; ++i) { turn_w[i] += a->error.attitude[i][k] * parameter[k]; }
-        force_scale += a->error.force_scale[k] * parameter[k];
-        rate_scale += a->error.rate_scale[k] * parameter[k];
+        for (int i = 0; i < 3; ++i) {
+            turn_w[i] += a->error.attitude[i][k] * parameter[k];
+            force_scale[i] += a->error.force_scale[i][k] * parameter[k];
+            rate_scale[i] += a->error.rate_scale[i][k] * parameter[k];
+        }
     }
+    mat3_from_quat(config->imu_orientation, R_PI);
     mat3_tmul_vec(a->R, turn_w, turn);
-    for (int i = 0; i < 3; ++i) {
-        ds[i] = -force_scale * a->s[i];
-        dalpha[i] = -rate_scale * a->alpha[i];
-    }
-    for (int i = 0; i < 6; ++i) { dww[i] = -2.0 * rate_scale * a->ww[i]; }
+    scaled_back((const double (*)[3])R_PI, force_scale, a->s, ds);
+    scaled_back((const double (*)[3])R_PI, rate_scale, a->alpha, dalpha);
+    products_scaled_back((const double (*)[3])R_PI, rate_scale, a->ww, dww);
     ipe_regressor(ds, dww, dalpha, Y);
     for (int j = 0; j < IPE_NY; ++j) {
         X[j][at] += vec3_dot(by_attitude[j], turn);
@@ -214,13 +238,13 @@ static void add_estimated_columns(const ipe_config_t* config, const ipe_average_
         bias[IPE_MOTION_BY_ACC_BIAS + i] = 1.0;
         axis[i] = 1.0;
         vec3_cross(lever, axis, alignment + IPE_MOTION_BY_LEVER);  // the lever in I axes turns the other way
-        add_estimated(a, by_attitude, theta, bias, IPE_XI_ACC_BIAS + i, X);
-        add_estimated(a, by_attitude, theta, alignment, IPE_XI_ALIGNMENT + i, X);
+        add_estimated(config, a, by_attitude, theta, bias, IPE_XI_ACC_BIAS + i, X);
+        add_estimated(config, a, by_attitude, theta, alignment, IPE_XI_ALIGNMENT + i, X);
     }
     const double delay[IPE_MOTION_NP] = {[IPE_MOTION_BY_DELAY] = 1.0};
     const double yaw[IPE_MOTION_NP] = {[IPE_MOTION_BY_YAW] = 1.0};
-    add_estimated(a, by_attitude, theta, delay, IPE_XI_POSITION_DELAY, X);
-    add_estimated(a, by_attitude, theta, yaw, IPE_XI_YAW, X);
+    add_estimated(config, a, by_attitude, theta, delay, IPE_XI_POSITION_DELAY, X);
+    add_estimated(config, a, by_attitude, theta, yaw, IPE_XI_YAW, X);
 }
 
 /// An IMU mounted otherwise gives another attitude too: of the AHRS R(q) R_PI^T exp(-xi) exp(attitude_bias), fused without

@@ -78,10 +78,11 @@ typedef struct {
 /// 1 [s], yaw of the AHRS 1 [rad]; each is the true value minus the configured one.
 typedef struct {
     double attitude[3][IPE_MOTION_NP];  ///< R_true = exp(attitude parameter) R, rad per unit, W axes
-    double force_scale[IPE_MOTION_NP];  ///< s_true = (1 - force_scale parameter) s, beside the bias itself
-    double rate_scale[IPE_MOTION_NP];   ///< w_true = (1 - rate_scale parameter) w
-    double attitude_std[3];             ///< rad, W axes: the rest,
-    double attitude_time[3];            ///< s: and its correlation time
+    double force_scale[3]
+                      [IPE_MOTION_NP];  ///< s_true = (1 - force_scale parameter) s, each I axis, beside the bias itself
+    double rate_scale[3][IPE_MOTION_NP];  ///< w_true = (1 - rate_scale parameter) w, each I axis
+    double attitude_std[3];               ///< rad, W axes: the rest,
+    double attitude_time[3];              ///< s: and its correlation time
 } ipe_attitude_error_t;
 
 /// Calibrated motion of the IMU point, P axes, and the pose of P.

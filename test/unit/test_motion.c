@@ -10,7 +10,7 @@ enum { PARAMETERS = IPE_MOTION_NP };
 
 /// How the sensors differ from ideal ones.
 typedef struct {
-    double acc_bias[3], acc_scale, gyro_bias[3], gyro_scale, yaw, position_delay;
+    double acc_bias[3], acc_scale[3], gyro_bias[3], gyro_scale[3], yaw, position_delay;
     double acc_noise, gyro_noise, position_noise, lean;  ///< lean: rad of AHRS tilt per m/s2
 } faults_t;
 
@@ -81,8 +81,9 @@ static void make_row(double t, const ideal_t* m)
     quat_mul(wrong, m->q, turned);
     quat_mul(turned, config.imu_orientation, row.q);
     for (int i = 0; i < 3; ++i) {
-        row.acc[i] = row.acc[i] * (1.0 + faults.acc_scale) + faults.acc_bias[i] + faults.acc_noise * normal(&seed);
-        row.gyro[i] = row.gyro[i] * (1.0 + faults.gyro_scale) + faults.gyro_bias[i] + faults.gyro_noise * normal(&seed);
+        row.acc[i] = row.acc[i] * (1.0 + faults.acc_scale[i]) + faults.acc_bias[i] + faults.acc_noise * normal(&seed);
+        row.gyro[i] =
+            row.gyro[i] * (1.0 + faults.gyro_scale[i]) + faults.gyro_bias[i] + faults.gyro_noise * normal(&seed);
     }
     target_at(t - faults.position_delay, row.position);
     for (int i = 0; i < 3; ++i) { row.position[i] += faults.position_noise * normal(&seed); }
@@ -174,16 +175,19 @@ static void check_sensitivity(int parameter, double size, double tolerance)
     seed = 7;
     start();
     run(0, 30000);
-    double v[3], scale = 2e-2 * size;
+    double v[3], scale = 5e-2 * size;
     difference((const double (*)[3])motion.R, (const double (*)[3])without.R, v);
     for (int i = 0; i < 3; ++i) { scale = fmax(scale, fabs(v[i])); }
     for (int i = 0; i < 3; ++i) {
         TEST_ASSERT_DOUBLE_WITHIN(tolerance * scale, v[i], size * without.error.attitude[i][parameter]);
     }
-    TEST_ASSERT_DOUBLE_WITHIN(tolerance * fabs(stage.beta - unaware.beta) + 2e-3 * size, stage.beta - unaware.beta,
-                              size * without.error.force_scale[parameter]);
-    TEST_ASSERT_DOUBLE_WITHIN(tolerance * fabs(stage.kappa - unaware.kappa) + 2e-3 * size, stage.kappa - unaware.kappa,
-                              size * without.error.rate_scale[parameter]);
+    for (int i = 0; i < 3; ++i) {
+        const double beta = stage.beta[i] - unaware.beta[i], kappa = stage.kappa[i] - unaware.kappa[i];
+        const double by_beta = size * without.error.force_scale[i][parameter];
+        const double by_kappa = size * without.error.rate_scale[i][parameter];
+        TEST_ASSERT_DOUBLE_WITHIN(tolerance * fabs(beta) + 1e-2 * size, beta, by_beta);
+        TEST_ASSERT_DOUBLE_WITHIN(tolerance * fabs(kappa) + 1e-2 * size, kappa, by_kappa);
+    }
 }
 
 static void test_sensitivity_to_accelerometer_bias(void)
@@ -226,7 +230,8 @@ static void test_accelerometer_bias_tilts_by_itself_over_gravity(void)
 
 static void test_gyro_bias_and_scales_are_found(void)
 {
-    faults.acc_scale = 0.01, faults.gyro_scale = -0.01;
+    const double scale[3] = {0.01, -0.01, 0.01};
+    for (int i = 0; i < 3; ++i) { faults.acc_scale[i] = scale[i], faults.gyro_scale[i] = -scale[i]; }
     faults.gyro_bias[0] = 3e-3, faults.gyro_bias[1] = -2e-3, faults.gyro_bias[2] = 1e-3;
     start();
     run(0, 60000);
@@ -235,8 +240,10 @@ static void test_gyro_bias_and_scales_are_found(void)
         TEST_ASSERT_DOUBLE_WITHIN(5e-3, m.acc[i], motion.s[i]);
         TEST_ASSERT_DOUBLE_WITHIN(1.5e-3, m.gyro[i], motion.w[i]);
     }
-    TEST_ASSERT_DOUBLE_WITHIN(5e-4, 0.01, stage.beta);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, -0.01, stage.kappa);
+    for (int i = 0; i < 3; ++i) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, scale[i], stage.beta[i]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, -scale[i], stage.kappa[i]);
+    }
 }
 
 static void test_errors_are_as_large_as_declared(void)
@@ -401,7 +408,7 @@ static void test_ten_minutes_at_rest(void)
     double v[3];
     attitude_error(400, v);
     TEST_ASSERT_EQUAL(IPE_OK, status);
-    ASSERT_BELOW(1e-3, hypot(v[0], v[1]));
+    ASSERT_BELOW(3e-3, hypot(v[0], v[1]));
     ASSERT_BELOW(0.03, fabs(v[2]));
     TEST_ASSERT_DOUBLE_WITHIN(3e-4, 2e-3, stage.b[2]);
     for (int i = 0; i < IPE_MOTION_STATES; ++i) {

@@ -41,7 +41,8 @@ struct MotionNode {
     MotionSquare Phi, P, P_predicted;
     MotionBy S, S_predicted;
     MotionVector correction;
-    double beta, kappa, gyro_density;
+    Eigen::Vector3d beta, kappa;
+    double gyro_density;
     MotionVector error;  ///< e of the whole run
 };
 
@@ -57,8 +58,8 @@ inline MotionNode node_of(const ipe_motion_stage_t& m, std::size_t row, bool is_
             by(m.spread.S),
             by(m.epoch.predicted.S),
             MotionVector(Eigen::Map<const MotionVector>(m.epoch.correction)),
-            m.beta,
-            m.kappa,
+            Eigen::Vector3d(m.beta),
+            Eigen::Vector3d(m.kappa),
             m.gyro_density,
             MotionVector::Zero()};
 }
@@ -91,9 +92,12 @@ inline void correct(const ipe_config_t& c, const Eigen::Matrix3d& R_PI, const Mo
     const Eigen::Vector3d kept = p + R * fixed, kept_v = v + R * w.cross(imu);
     const double angle = phi.norm();
     if (angle > 0.0) { R = (Eigen::AngleAxisd(angle, phi / angle).toRotationMatrix() * R).eval(); }
-    s *= 1.0 - e[IPE_MOTION_BETA] / (1.0 - at.beta);
-    w = ((w - (1.0 - at.kappa) * R_PI * e.segment<3>(IPE_MOTION_BIAS)) * (1.0 - e[IPE_MOTION_KAPPA] / (1.0 - at.kappa)))
-            .eval();
+    const Eigen::Array3d beta = 1.0 - at.beta.array(), kappa = 1.0 - at.kappa.array();
+    const Eigen::Array3d s_I = (R_PI.transpose() * s).array(), w_I = (R_PI.transpose() * w).array();
+    s = R_PI * (s_I * (1.0 - e.segment<3>(IPE_MOTION_BETA).array() / beta)).matrix();
+    w = R_PI *
+        ((w_I - kappa * e.segment<3>(IPE_MOTION_BIAS).array()) * (1.0 - e.segment<3>(IPE_MOTION_KAPPA).array() / kappa))
+            .matrix();
     p = kept - R * fixed + (has_position ? Eigen::Vector3d::Zero().eval() : e.segment<3>(IPE_MOTION_P).eval());
     v = kept_v + e.segment<3>(IPE_MOTION_V) - R * w.cross(imu);
 }
@@ -102,13 +106,13 @@ inline void set_error(const MotionNode& at, ipe_attitude_error_t& error)
 {
     for (int i = 0; i < 3; ++i) {
         const double variance = at.P(IPE_MOTION_PHI + i, IPE_MOTION_PHI + i);
-        for (int k = 0; k < IPE_MOTION_NP; ++k) { error.attitude[i][k] = at.S(IPE_MOTION_PHI + i, k); }
+        for (int k = 0; k < IPE_MOTION_NP; ++k) {
+            error.attitude[i][k] = at.S(IPE_MOTION_PHI + i, k);
+            error.force_scale[i][k] = at.S(IPE_MOTION_BETA + i, k);
+            error.rate_scale[i][k] = at.S(IPE_MOTION_KAPPA + i, k);
+        }
         error.attitude_std[i] = std::sqrt(std::max(variance, 0.0));
         error.attitude_time[i] = variance / at.gyro_density;
-    }
-    for (int k = 0; k < IPE_MOTION_NP; ++k) {
-        error.force_scale[k] = at.S(IPE_MOTION_BETA, k);
-        error.rate_scale[k] = at.S(IPE_MOTION_KAPPA, k);
     }
 }
 
