@@ -26,7 +26,7 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
     a->position_source = config->position_source;
     memcpy(a->fixed_position, config->fixed_position, sizeof a->fixed_position);
     a->max_wait_ns = to_ns(config->max_wait);
-    ipe_dead_reckoning_init(&a->dead_reckoning, config);
+    a->position_seen = UINT64_MAX;
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         a->max_age_ns[s] = to_ns(config->max_age[s]);
         a->delay_ns[s] = to_ns(config->delay[s]);
@@ -228,7 +228,7 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
     if (t_ns == NULL) { ring->n_held = (unsigned)n; }
 }
 
-typedef enum { FOUND, CARRIED, WAIT, GAP, LATE } search_t;
+typedef enum { FOUND, WAIT, GAP, LATE } search_t;
 
 /// Period of a sensor by its last two samples, at most max_age, which it is taken for before there are two.
 static int64_t period(const ipe_align_t* a, ipe_sensor_t sensor)
@@ -317,33 +317,28 @@ static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns,
     }
 }
 
-/// What the IMU sample at the cursor and the forces there make of a row.
-static void fill_row(ipe_align_t* a, int64_t t_ns, ipe_row_t* row)
+/// The row of the IMU sample at the cursor.
+static void fill_row(ipe_align_t* a, int64_t t_ns, search_t force, search_t position, ipe_row_t* row)
 {
     const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
+    memset(row, 0, sizeof *row);
     row->t_ns = t_ns;
     memcpy(row->acc, imu, sizeof row->acc);
     memcpy(row->gyro, imu + 3, sizeof row->gyro);
     memcpy(row->q, imu + 6, sizeof row->q);
-    memset(row->f, 0, sizeof row->f);
-    interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
-}
-
-/// Position of the row at t_ns: fixed, interpolated, or else carried on from those before.
-static search_t find_position(ipe_align_t* a, int64_t t_ns, search_t found, double position[3])
-{
-    if (a->position_source == IPE_POSITION_FIXED) {
-        memcpy(position, a->fixed_position, sizeof a->fixed_position);
-        return FOUND;
+    row->has_force = force == FOUND;
+    row->has_position = position == FOUND;
+    if (row->has_force) {
+        interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
     }
-    const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
-    ipe_dead_reckoning_advance(&a->dead_reckoning, t_ns, imu, imu + 6);
-    if (found == FOUND) {
-        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, position);
-        ipe_dead_reckoning_learn(&a->dead_reckoning, a->ring[IPE_POSITION].cursor, position);
-        return FOUND;
+    if (row->has_position && a->position_source == IPE_POSITION_FIXED) {
+        memcpy(row->position, a->fixed_position, sizeof a->fixed_position);
+    } else if (row->has_position) {
+        const uint64_t sample = a->ring[IPE_POSITION].cursor;
+        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, row->position);
+        row->is_position_new = sample != a->position_seen;
+        a->position_seen = sample;
     }
-    return ipe_dead_reckoning_read(&a->dead_reckoning, position) ? CARRIED : found;
 }
 
 static void count(ipe_align_t* a, ipe_sensor_t sensor, search_t found)
@@ -359,21 +354,15 @@ ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
         const int64_t t_ns = stamp(imu, imu->cursor);
         const search_t force = search(a, IPE_FORCE, t_ns);
         const bool is_fixed = a->position_source == IPE_POSITION_FIXED;
-        search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns);
+        const search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns);
         if (force == WAIT || position == WAIT) { return IPE_NOT_READY; }
-        position = find_position(a, t_ns, position, row->position);
-        if (force == FOUND) { fill_row(a, t_ns, row); }
+        fill_row(a, t_ns, force, position, row);
+        count(a, IPE_FORCE, force);
+        count(a, IPE_POSITION, position);
         ++imu->cursor;
         a->row_ns = t_ns;
-        if (force != FOUND) {
-            count(a, IPE_FORCE, force);
-        } else if (position != FOUND && position != CARRIED) {
-            count(a, IPE_POSITION, position);
-        } else {
-            ++a->n_rows;
-            a->n_carried += position == CARRIED;
-            return IPE_OK;
-        }
+        ++a->n_rows;
+        return IPE_OK;
     }
     return IPE_NOT_READY;
 }

@@ -29,6 +29,7 @@ enum {
     IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX + 3 * IPE_PATTERNS + IPE_WANDERS,  ///< states of the filter
     IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,  ///< elements of the unit upper triangle of P's factor
 
+    IPE_MOTION_NP = 8,         ///< parameters that the motion stage's errors depend on, types.h
     IPE_SAMPLE_TIMING_HOLD = 64,  ///< samples held at most until their instants are known; fewer than IPE_RING_SLACK
     IPE_NOISE_LAGS = 25,       ///< windows over which residuals are taken to be correlated: 2.5 s at a window of 0.4 s
     IPE_WINDOWS_OPEN = 4,      ///< a new window every quarter of its length

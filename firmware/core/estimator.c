@@ -44,9 +44,9 @@ void ipe_estimator_restart_windows(ipe_estimator_t* e)
     ipe_noise_restart(&e->noise);
 }
 
-void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+void ipe_estimator_predict(ipe_estimator_t* e, const ipe_average_t* average)
 {
-    ipe_filter_states_predict(&e->filter_states, config, t_ns, &e->rls);
+    ipe_filter_states_predict(&e->filter_states, average, &e->rls);
 }
 
 /// Equations y = H x + noise of one window; H [6][rls.n].
@@ -56,7 +56,8 @@ static ipe_status_t build_equations(ipe_estimator_t* e, const ipe_config_t* conf
     double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
     ipe_regressor(average->s, average->ww, average->alpha, Y);
     if (ipe_systematic_columns(config, average, e->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
-    ipe_filter_states_rows(&e->filter_states, config, (const double (*)[IPE_NP])Y, (const double (*)[IPE_XI_MAX])X, H);
+    ipe_filter_states_rows(&e->filter_states, config, (const double (*)[3])average->R, (const double (*)[IPE_NP])Y,
+                           (const double (*)[IPE_XI_MAX])X, H);
     return IPE_OK;
 }
 

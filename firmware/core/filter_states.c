@@ -9,6 +9,7 @@
 #define SMALLEST_STD 1e-12  // any unit: chosen so that D > 0 in the factored filter for what is declared perfect
 #define RIDGE 1e-9          // of the trace of the wrench matrix squared, which is singular with fewer than six cables
 #define LONGEST_FADE 5.0    // correlation times, after which 0.7 % of wander is left; chosen so that exp() stays normal
+#define SMALLEST_TIME 0.1   // s, of a wander: chosen under any attitude filter's
 #define SMALLEST_LIFT 1e-9  // of the resultant: rounding, not a direction
 
 enum { NO_XI = -1 };
@@ -30,7 +31,7 @@ static const struct {
     [IPE_BLOCK_FORCE_OFFSET] = {"force_offset", 0, 1, IPE_XI_FORCE, 0, STD(std_force_offset)},
     [IPE_BLOCK_FORCE_GAIN] = {"force_gain", 0, 1, IPE_XI_FORCE, 1, STD(std_force_gain)},
     [IPE_BLOCK_PATTERN] = {"pattern", 3 * IPE_PATTERNS, 0, NO_XI, 0, STD(std_geometry)},
-    [IPE_BLOCK_WANDER] = {"wander", IPE_WANDERS, 0, IPE_XI_ATTITUDE, 0, STD(std_attitude_wander)},
+    [IPE_BLOCK_WANDER] = {"wander", IPE_WANDERS, 0, NO_XI, 0, STD(std_attitude_wander)},
 #undef STD
 };
 
@@ -71,19 +72,18 @@ void ipe_filter_states_std(const ipe_filter_layout_t* layout, const ipe_config_t
     }
 }
 
-void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_config_t* config, int64_t t_ns, ipe_rls_t* rls)
+void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_average_t* average, ipe_rls_t* rls)
 {
-    const int first = s->layout.first[IPE_BLOCK_WANDER], end = first + s->layout.count[IPE_BLOCK_WANDER];
-    if (s->t_ns != 0) {
-        const double elapsed = 1e-9 * (double)(t_ns - s->t_ns) / IPE_WANDER_TIME;
-        const double fade = exp(-fmin(fmax(elapsed, 0.0), LONGEST_FADE));
-        const double std = prior_std(config, IPE_BLOCK_WANDER);
-        for (int i = first; i < end; ++i) {
-            ipe_rls_fade(rls, i, fade);
-            ipe_rls_loosen(rls, i, std * std * (1.0 - fade * fade));
-        }
+    const int first = s->layout.first[IPE_BLOCK_WANDER], count = s->layout.count[IPE_BLOCK_WANDER];
+    const double elapsed = 1e-9 * (double)(average->t_ns - s->t_ns);
+    for (int i = 0; i < count && s->t_ns != 0; ++i) {
+        const double time = fmax(average->error.attitude_time[i], SMALLEST_TIME);
+        const double fade = exp(-fmin(fmax(elapsed / time, 0.0), LONGEST_FADE));
+        const double std = fmax(average->error.attitude_std[i], SMALLEST_STD);
+        ipe_rls_fade(rls, first + i, fade);
+        ipe_rls_loosen(rls, first + i, std * std * (1.0 - fade * fade));
     }
-    s->t_ns = t_ns;
+    s->t_ns = average->t_ns;
 }
 
 /// Force of each cable, P axes, N: its gain column is that force.
@@ -170,13 +170,24 @@ static void systematic_columns(const ipe_filter_layout_t* layout, const double X
     }
 }
 
-void ipe_filter_states_rows(ipe_filter_states_t* s, const ipe_config_t* config, const double Y[IPE_NY][IPE_NP],
-                            const double X[IPE_NY][IPE_XI_MAX], double* H)
+/// Wander turns about the axes of W.
+static void wander_columns(const ipe_filter_layout_t* layout, const double R[3][3], const double X[IPE_NY][IPE_XI_MAX],
+                           double* H)
+{
+    for (int j = 0; j < IPE_NY; ++j) {
+        double* row = H + j * layout->n + layout->first[IPE_BLOCK_WANDER];
+        for (int i = 0; i < layout->count[IPE_BLOCK_WANDER]; ++i) { row[i] = -vec3_dot(&X[j][IPE_XI_ATTITUDE], R[i]); }
+    }
+}
+
+void ipe_filter_states_rows(ipe_filter_states_t* s, const ipe_config_t* config, const double R[3][3],
+                            const double Y[IPE_NY][IPE_NP], const double X[IPE_NY][IPE_XI_MAX], double* H)
 {
     const int m = config->n_cables;
     double F[IPE_CABLES_MAX][3];
     for (int j = 0; j < IPE_NY; ++j) { memcpy(H + j * s->layout.n, Y[j], sizeof Y[j]); }
     systematic_columns(&s->layout, X, m, H);
+    wander_columns(&s->layout, R, X, H);
     cable_forces(config, X, F);
     if (!s->has_patterns) { choose_patterns(s, (const double (*)[3])F, m); }
     s->has_patterns = true;

@@ -4,7 +4,7 @@
 ///   theta      10       inertial parameters about the IMU
 ///   attitude .. force gain  11 + 2m  systematic errors of the sensors, a block each, systematic.h
 ///   pattern    6        errors of the attachments' places: cable i's is sum_k pattern_k,i c_k, c_k [3] in P, m
-///   wander     3        slow error of the attitude about its bias, P axes, rad: first-order Gauss-Markov
+///   wander     3        slow error of the attitude about its bias, W axes, rad: first-order Gauss-Markov
 /// One table in filter_states.c holds the blocks: their sizes, prior sigmas and the robots that have them. The layout, made
 /// from it once, gives each block's first index; no index is written anywhere else.
 /// A force F_i that acts e_i away from its attachment adds e_i x F_i to the moment. The part along the resultant acts like
@@ -59,12 +59,14 @@ const char* ipe_filter_states_name(ipe_block_t block);
 void ipe_filter_states_std(const ipe_filter_layout_t* layout, const ipe_config_t* config,
                            double std[IPE_NX_MAX - IPE_NP]);
 
-/// Predict the states to a window whose middle is t_ns: wander decays over its correlation time and is driven.
-void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_config_t* config, int64_t t_ns, ipe_rls_t* rls);
+/// Predict the states to the middle of a window: wander decays over its correlation time and is driven, both as the motion
+/// stage says of its attitude.
+void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_average_t* average, ipe_rls_t* rls);
 
-/// Rows H [6][layout.n] of a window with regressor Y and systematic columns X. The first window chooses the patterns.
-void ipe_filter_states_rows(ipe_filter_states_t* s, const ipe_config_t* config, const double Y[IPE_NY][IPE_NP],
-                            const double X[IPE_NY][IPE_XI_MAX], double* H);
+/// Rows H [6][layout.n] of a window with attitude R, regressor Y and systematic columns X. The first window chooses the
+/// patterns.
+void ipe_filter_states_rows(ipe_filter_states_t* s, const ipe_config_t* config, const double R[3][3],
+                            const double Y[IPE_NY][IPE_NP], const double X[IPE_NY][IPE_XI_MAX], double* H);
 
 /// Rebuild the gain columns of H from tensions without their noise; f [m] are the measured ones, N.
 ///

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "systematic.h"
 
+#include "motion.h"
 #include "regressor.h"
 #include "smallmat.h"
 #include "wrench.h"
@@ -66,6 +67,7 @@ void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
         memcpy(&sigma, (const char*)config + kinds[k].std, sizeof sigma);
         for (int n = kinds[k].count + kinds[k].count_per_cable * config->n_cables; n > 0; --n) { std[i++] = sigma; }
     }
+    for (int i = 0; ipe_motion_is_fused(config) && i < 3; ++i) { std[IPE_XI_ATTITUDE + i] = 0.0; }
 }
 
 /// Cable wrench at the window's tensions with the pose moved by dp (W) and turned by the body rotation vector turn
@@ -117,10 +119,9 @@ static void pose_columns(const ipe_config_t* config, const ipe_average_t* a, dou
     vec3_cross(a->w, config->tracker_target, rate_arm);
     mat3_mul_vec(a->R, rate_arm, arm);
     vec3_axpy(a->velocity, 1.0, arm, velocity);
-    const double* up = a->R[2];  // z of W in P axes
     for (int j = 0; j < IPE_NY; ++j) {
         memcpy(&X[j][IPE_XI_ATTITUDE], by_attitude[j], 3 * sizeof(double));
-        X[j][IPE_XI_YAW] = vec3_dot(by_attitude[j], up);
+        X[j][IPE_XI_YAW] = 0.0;
         X[j][IPE_XI_POSITION_DELAY] = vec3_dot(by_position[j], velocity);
     }
 }
@@ -174,7 +175,7 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
         double axis[3] = {0.0, 0.0, 0.0}, ds[3], dw[3], dalpha[3], dww[6];
         axis[i] = 1.0;
         motion_column(minus, none, none, theta, IPE_XI_ACC_BIAS + i, X);
-        product_change(a->w, minus, dww);
+        product_change(a->w, ipe_motion_is_fused(config) ? none : minus, dww);
         motion_column(none, dww, none, theta, IPE_XI_FORCE + 2 * config->n_cables + i, X);
         vec3_cross(axis, a->s, ds);
         vec3_cross(axis, a->w, dw);
@@ -184,12 +185,83 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
     }
 }
 
-/// An IMU mounted otherwise gives another attitude too: R(q) R_PI^T exp(-xi) exp(attitude_bias).
+/// -diag(scale) of I axes, applied to a vector of P axes.
+static void scaled_back(const double R_PI[3][3], const double scale[3], const double v[3], double out[3])
+{
+    double v_I[3];
+    mat3_tmul_vec(R_PI, v, v_I);
+    for (int i = 0; i < 3; ++i) { v_I[i] *= -scale[i]; }
+    mat3_mul_vec(R_PI, v_I, out);
+}
+
+/// The change of w w^T, given as xx yy zz yz xz xy, where w changes as scaled_back() has it.
+static void products_scaled_back(const double R_PI[3][3], const double scale[3], const double ww[6], double dww[6])
+{
+    const double M[3][3] = {{ww[0], ww[5], ww[4]}, {ww[5], ww[1], ww[3]}, {ww[4], ww[3], ww[2]}};
+    double D[3][3];
+    for (int i = 0; i < 3; ++i) { scaled_back(R_PI, scale, M[i], D[i]); }  // row i: change of w_i's partner
+    for (int i = 0; i < 3; ++i) { dww[i] = 2.0 * D[i][i]; }
+    dww[3] = D[1][2] + D[2][1];
+    dww[4] = D[0][2] + D[2][0];
+    dww[5] = D[0][1] + D[1][0];
+}
+
+/// How the attitude and the scales of s and w, as the motion stage estimates them, depend on a parameter [8] of it: added to
+/// column at as a change of the residual.
+static void add_estimated(const ipe_config_t* config, const ipe_average_t* a, const double by_attitude[IPE_NY][3],
+                          const double theta[IPE_NP], const double parameter[IPE_MOTION_NP], int at,
+                          double X[IPE_NY][IPE_XI_MAX])
+{
+    double turn_w[3] = {0.0}, turn[3], force_scale[3] = {0.0}, rate_scale[3] = {0.0};
+    double ds[3], dww[6], dalpha[3], R_PI[3][3], Y[IPE_NY][IPE_NP];
+    for (int k = 0; k < IPE_MOTION_NP; ++k) {
+        for (int i = 0; i < 3; ++i) {
+            turn_w[i] += a->error.attitude[i][k] * parameter[k];
+            force_scale[i] += a->error.force_scale[i][k] * parameter[k];
+            rate_scale[i] += a->error.rate_scale[i][k] * parameter[k];
+        }
+    }
+    mat3_from_quat(config->imu_orientation, R_PI);
+    mat3_tmul_vec(a->R, turn_w, turn);
+    scaled_back((const double (*)[3])R_PI, force_scale, a->s, ds);
+    scaled_back((const double (*)[3])R_PI, rate_scale, a->alpha, dalpha);
+    products_scaled_back((const double (*)[3])R_PI, rate_scale, a->ww, dww);
+    ipe_regressor(ds, dww, dalpha, Y);
+    for (int j = 0; j < IPE_NY; ++j) {
+        X[j][at] += vec3_dot(by_attitude[j], turn);
+        for (int i = 0; i < IPE_NP; ++i) { X[j][at] -= Y[j][i] * theta[i]; }
+    }
+}
+
+/// The parameters that the motion stage's estimates depend on, ipe_attitude_error_t.
+static void add_estimated_columns(const ipe_config_t* config, const ipe_average_t* a,
+                                  const double by_attitude[IPE_NY][3], const double theta[IPE_NP],
+                                  double X[IPE_NY][IPE_XI_MAX])
+{
+    double lever[3];
+    vec3_axpy(config->tracker_target, -1.0, config->imu_position, lever);
+    for (int i = 0; i < 3; ++i) {
+        double bias[IPE_MOTION_NP] = {0.0}, alignment[IPE_MOTION_NP] = {0.0}, axis[3] = {0.0};
+        bias[IPE_MOTION_BY_ACC_BIAS + i] = 1.0;
+        axis[i] = 1.0;
+        vec3_cross(lever, axis, alignment + IPE_MOTION_BY_LEVER);  // the lever in I axes turns the other way
+        add_estimated(config, a, by_attitude, theta, bias, IPE_XI_ACC_BIAS + i, X);
+        add_estimated(config, a, by_attitude, theta, alignment, IPE_XI_ALIGNMENT + i, X);
+    }
+    const double delay[IPE_MOTION_NP] = {[IPE_MOTION_BY_DELAY] = 1.0};
+    const double yaw[IPE_MOTION_NP] = {[IPE_MOTION_BY_YAW] = 1.0};
+    add_estimated(config, a, by_attitude, theta, delay, IPE_XI_POSITION_DELAY, X);
+    add_estimated(config, a, by_attitude, theta, yaw, IPE_XI_YAW, X);
+}
+
+/// An IMU mounted otherwise gives another attitude too: of the AHRS R(q) R_PI^T exp(-xi) exp(attitude_bias), fused without
+/// the bias.
 static void add_turned_attitude(const ipe_config_t* config, const double by_attitude[IPE_NY][3],
                                 double X[IPE_NY][IPE_XI_MAX])
 {
+    const double none[3] = {0.0, 0.0, 0.0};
     double bias[3][3], turned[3];
-    mat3_exp(config->attitude_bias, bias);
+    mat3_exp(ipe_motion_is_fused(config) ? none : config->attitude_bias, bias);
     for (int j = 0; j < IPE_NY; ++j) {
         mat3_mul_vec(bias, by_attitude[j], turned);
         vec3_axpy(&X[j][IPE_XI_ALIGNMENT], -1.0, turned, &X[j][IPE_XI_ALIGNMENT]);
@@ -209,5 +281,6 @@ ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_averag
     force_columns(config, average, W, X);
     motion_columns(config, average, theta, X);
     add_turned_attitude(config, by_attitude, X);
+    add_estimated_columns(config, average, (const double (*)[3])by_attitude, theta, X);
     return IPE_OK;
 }

@@ -61,6 +61,7 @@ static void remember(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* motion, 
     memcpy(channel + IPE_CHANNEL_P, motion->p, sizeof motion->p);
     memcpy(channel + IPE_CHANNEL_F, wrench->f, sizeof(double) * (size_t)(x->n_channels - IPE_CHANNEL_F));
     memcpy(x->previous.R, motion->R, sizeof motion->R);
+    x->previous.error = motion->error;
 }
 
 /// First row after a start or a gap: windows start here.
@@ -112,7 +113,10 @@ static void accumulate(ipe_window_t* x, uint64_t index, double d)
     const double* channel = x->previous.channel;
     for (int i = 0; i < x->n_channels; ++i) { a->channel[i] += weight * channel[i]; }
     for (int i = IPE_CHANNEL_W; i < x->n_channels; ++i) { a->slope[i - IPE_CHANNEL_W] += slope_weight * channel[i]; }
-    if (z <= 2.0 + 1e-6) { memcpy(a->R, x->previous.R, sizeof a->R); }
+    if (z <= 2.0 + 1e-6) {
+        memcpy(a->R, x->previous.R, sizeof a->R);
+        a->error = x->previous.error;
+    }
     ++a->n_rows;
 }
 
@@ -152,6 +156,7 @@ static void finish(ipe_window_t* x, ipe_average_t* average)
     memcpy(average->velocity, slope + IPE_CHANNEL_P - IPE_CHANNEL_W, sizeof average->velocity);
     memcpy(average->f_slope, slope + IPE_CHANNEL_F - IPE_CHANNEL_W, sizeof average->f_slope);
     memcpy(average->R, a->R, sizeof average->R);
+    average->error = a->error;
     noise_of_averages(x, average);
     average->n_rows = a->n_rows;
     average->length = x->length;

@@ -32,7 +32,8 @@ typedef struct {
     double velocity[3];              ///< its slope, m/s
     double f[IPE_CABLES_MAX];        ///< tensions, N
     double f_slope[IPE_CABLES_MAX];  ///< their slopes, N/s
-    double R[3][3];                  ///< P to W in the window's middle
+    double R[3][3];                  ///< P to W in the window's middle,
+    ipe_attitude_error_t error;      ///< and its error
     int n_rows;
 } ipe_average_t;
 
@@ -55,7 +56,8 @@ typedef struct {
     double slope_moment;           ///< sum phi' d t
     double channel[IPE_CHANNELS];  ///< sum phi d channel
     double slope[IPE_SLOPES];      ///< sum phi' d channel
-    double R[3][3];                ///< of the last row up to the middle
+    double R[3][3];                ///< of the last row up to the middle,
+    ipe_attitude_error_t error;    ///< and its error
     int n_rows;
 } ipe_accumulator_t;
 
@@ -75,6 +77,7 @@ typedef struct {
         int64_t t_ns;
         double channel[IPE_CHANNELS];
         double R[3][3];
+        ipe_attitude_error_t error;
     } previous;                            ///< the row that waits for its successor's stamp
     double spacing;                        ///< s between previous and the one before
     int n_measured;                        ///< intervals seen while measuring the period

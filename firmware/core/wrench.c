@@ -9,30 +9,6 @@ void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)
 {
     memset(w, 0, sizeof *w);
     w->config = config;
-    mat3_from_quat(config->imu_orientation, w->R_PI);
-    const double yaw[3] = {0.0, 0.0, config->world_yaw};
-    mat3_exp(yaw, w->yaw);
-    double bias[3][3], R_IP[3][3];
-    mat3_exp(config->attitude_bias, bias);
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { R_IP[i][j] = w->R_PI[j][i]; }
-    }
-    mat3_mul(R_IP, bias, w->correction);
-}
-
-static void motion_from_row(const ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion)
-{
-    const ipe_config_t* k = w->config;
-    double R_WI[3][3], turned[3][3], acc[3], gyro[3], lever[3];
-    mat3_from_quat(row->q, R_WI);
-    mat3_mul(w->yaw, R_WI, turned);
-    mat3_mul(turned, w->correction, motion->R);
-    vec3_axpy(row->acc, -1.0, k->acc_bias, acc);
-    vec3_axpy(row->gyro, -1.0, k->gyro_bias, gyro);
-    mat3_mul_vec(w->R_PI, acc, motion->s);
-    mat3_mul_vec(w->R_PI, gyro, motion->w);
-    mat3_mul_vec(motion->R, k->tracker_target, lever);
-    vec3_axpy(row->position, -1.0, lever, motion->p);
 }
 
 /// Wrench of a force in P axes at attachment, about point.
@@ -79,11 +55,10 @@ static void count_limits(ipe_wrench_stage_t* w, const double f[IPE_CABLES_MAX])
     w->n_overload += is_overloaded;
 }
 
-ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion,
+ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, const ipe_motion_t* motion,
                                  ipe_wrench_t* wrench)
 {
     const ipe_config_t* k = w->config;
-    motion_from_row(w, row, motion);
     double W[IPE_NY][IPE_CABLES_MAX];
     double* f = wrench->f;
     if (ipe_wrench_matrix(k, motion->p, motion->R, k->imu_position, W, wrench->y) != IPE_OK) {

@@ -8,7 +8,7 @@ enum { N = 46, XI = IPE_NP, PATTERN = IPE_NP + 27, WANDER = PATTERN + 6 };
 
 static ipe_config_t config;
 static ipe_filter_states_t states;
-static double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX], F[8][3], H[IPE_NY * IPE_NX_MAX];
+static double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX], F[8][3], H[IPE_NY * IPE_NX_MAX], R[3][3];
 
 /// A window with cable forces F, everything else arbitrary.
 void setUp(void)
@@ -24,6 +24,8 @@ void setUp(void)
         F[i][2] += 3.0;
         for (int j = 0; j < 3; ++j) { X[j][IPE_XI_FORCE + 8 + i] = -F[i][j] / (1.0 + config.force_gain[i]); }
     }
+    const double turn[3] = {0.3, -0.2, 0.5};
+    mat3_exp(turn, R);
     ipe_filter_states_init(&states, &config);
 }
 
@@ -67,13 +69,13 @@ static void test_layout_has_every_block_once_and_in_order(void)
 static void test_rows_of_absent_blocks_are_not_there(void)
 {
     double all[IPE_NY * IPE_NX_MAX];
-    ipe_filter_states_rows(&states, &config, Y, X, all);
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, all);
     ipe_filter_layout_t* at = &states.layout;  // given
     at->count[IPE_BLOCK_FORCE_GAIN] = at->count[IPE_BLOCK_WANDER] = 0;
     at->first[IPE_BLOCK_PATTERN] -= 8;
     at->n = N - 8 - 3;
-    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
-    for (int j = 0; j < IPE_NY; ++j) {                  // then
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
+    for (int j = 0; j < IPE_NY; ++j) {                                          // then
         for (int i = 0; i < at->n; ++i) {
             const int was = i < at->first[IPE_BLOCK_PATTERN] ? i : i + 8;
             TEST_ASSERT_EQUAL_DOUBLE(all[j * N + was], H[j * at->n + i]);
@@ -83,11 +85,14 @@ static void test_rows_of_absent_blocks_are_not_there(void)
 
 static void test_rows_hold_regressor_systematic_columns_and_wander(void)
 {
-    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
-    for (int j = 0; j < IPE_NY; ++j) {                  // then
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
+    for (int j = 0; j < IPE_NY; ++j) {                                          // then
         TEST_ASSERT_EQUAL_MEMORY(Y[j], H + j * N, sizeof Y[j]);
         for (int i = 0; i < 27; ++i) { TEST_ASSERT_EQUAL_DOUBLE(-X[j][i], H[j * N + XI + i]); }
-        for (int i = 0; i < 3; ++i) { TEST_ASSERT_EQUAL_DOUBLE(-X[j][IPE_XI_ATTITUDE + i], H[j * N + WANDER + i]); }
+        for (int i = 0; i < 3; ++i) {  // about W's axis i: R^T e_i in P axes
+            const double along = X[j][0] * R[i][0] + X[j][1] * R[i][1] + X[j][2] * R[i][2];
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, -along, H[j * N + WANDER + i]);
+        }
     }
 }
 
@@ -95,9 +100,9 @@ static void test_rows_of_patterns_are_moments_of_misplaced_forces(void)
 {
     uint64_t seed = 5;
     double c[6];
-    fill_normal(&seed, c, 6);                           // given
-    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
-    double moment[3] = {0.0};                           // then: what is measured lacks the moment of the displacements
+    fill_normal(&seed, c, 6);                                                   // given
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
+    double moment[3] = {0.0};  // then: what is measured lacks the moment of the displacements
     for (int i = 0; i < 8; ++i) {
         double away[3], part[3];
         for (int j = 0; j < 3; ++j) { away[j] = states.pattern[0][i] * c[j] + states.pattern[1][i] * c[3 + j]; }
@@ -113,7 +118,7 @@ static void test_rows_of_patterns_are_moments_of_misplaced_forces(void)
 
 static void test_patterns_are_orthonormal_and_leave_out_the_pull_along_the_resultant(void)
 {
-    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
     double up[3] = {0.0}, lift[8];
     for (int i = 0; i < 8; ++i) { vec3_axpy(up, 1.0, F[i], up); }
     for (int i = 0; i < 8; ++i) { lift[i] = vec3_dot(F[i], up); }
@@ -132,9 +137,9 @@ static void test_patterns_are_orthonormal_and_leave_out_the_pull_along_the_resul
 
 static void test_patterns_of_cables_without_force_are_zero(void)
 {
-    memset(X, 0, sizeof X);                             // given
-    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
-    const ipe_filter_states_t none = {.t_ns = 0};       // then
+    memset(X, 0, sizeof X);                                                     // given
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
+    const ipe_filter_states_t none = {.t_ns = 0};                               // then
     TEST_ASSERT_EQUAL_MEMORY(none.pattern, states.pattern, sizeof none.pattern);
 }
 
@@ -151,12 +156,18 @@ static void test_predict_wander_fades_and_keeps_its_variance(void)
     ipe_rls_update_row(&rls, h, 3.0);  // given: correlated with everything
     const double before = rls.x[WANDER], known = rls.x[0];
 
-    ipe_filter_states_predict(&states, &config, 1, &rls);
-    ipe_filter_states_predict(&states, &config, 1 + 20000000000LL, &rls);  // when: a correlation time later
+    ipe_average_t window;
+    memset(&window, 0, sizeof window);
+    for (int i = 0; i < 3; ++i) { window.error.attitude_std[i] = 3e-3, window.error.attitude_time[i] = 20.0; }
+    window.t_ns = 1;
+    ipe_filter_states_predict(&states, &window, &rls);
+    window.t_ns += 20000000000LL;  // when: a correlation time later
+    ipe_filter_states_predict(&states, &window, &rls);
 
-    TEST_ASSERT_DOUBLE_WITHIN(1e-15, exp(-1.0) * before, rls.x[WANDER]);   // then
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, exp(-1.0) * before, rls.x[WANDER]);  // then
     TEST_ASSERT_EQUAL_DOUBLE(known, rls.x[0]);
-    ipe_filter_states_predict(&states, &config, 1 + 3600000000000LL, &rls);
+    window.t_ns = 1 + 3600000000000LL;
+    ipe_filter_states_predict(&states, &window, &rls);
     for (int i = 0; i < 3; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3e-3, ipe_rls_std(&rls, WANDER + i)); }
     TEST_ASSERT_TRUE(ipe_rls_invariants_hold(&rls));
 }
@@ -168,7 +179,7 @@ static void denoise_gains(double share, const double f[8], double noisy[IPE_CABL
 {
     double L[IPE_NY][IPE_NY] = {{0.0}}, S[IPE_NY][IPE_NY] = {{0.0}}, innovation[IPE_NY] = {0.0};
     const double v[IPE_NY] = {0.2, -0.1, 0.3, 0.05, -0.2, 0.1};
-    ipe_filter_states_rows(&states, &config, Y, X, H);
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);
     for (int i = 0; i < IPE_NY; ++i) { L[i][i] = 2.0, S[i][i] = 4.0 * share; }
     for (int k = 0; k < 8; ++k) {
         noisy[k] = f[k];

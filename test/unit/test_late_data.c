@@ -128,7 +128,7 @@ static outcome_t play(const scene_t* scene, int n)
     o.estimate = pipeline.estimator.estimate;
     o.position = ipe_align_lateness(&pipeline.align, IPE_POSITION);
     o.force = ipe_align_lateness(&pipeline.align, IPE_FORCE);
-    o.n_carried = pipeline.align.n_carried;
+    o.n_carried = pipeline.motion.n_carried;
     return o;
 }
 

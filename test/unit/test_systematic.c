@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "systematic.h"
 
+#include "motion.h"
+
 #include "robot.h"
 
 static ipe_config_t config;
@@ -21,6 +23,7 @@ void setUp(void)
     config.gyro_bias[2] = 0.01, config.world_yaw = 0.05;
     for (int i = 0; i < 8; ++i) { config.force_offset[i] = i, config.force_gain[i] = 0.002 * i; }
     memset(&row, 0, sizeof row);
+    row.has_position = true;
     quat_from_rpy(attitude, row.q);
     fill_normal(&seed, row.acc, 3), fill_normal(&seed, row.gyro, 3), fill_normal(&seed, row.position, 3);
     fill_normal(&seed, alpha, 3), fill_normal(&seed, tracked_velocity, 3), fill_normal(&seed, f_slope, 8);
@@ -36,11 +39,15 @@ void tearDown(void)
 /// The window that a long stretch of this row would average to, under k.
 static ipe_average_t average_of(const ipe_config_t* k)
 {
+    static ipe_motion_stage_t sensors;
     ipe_wrench_stage_t stage;
     ipe_motion_t motion;
     ipe_wrench_t wrench;
     ipe_average_t a;
     memset(&a, 0, sizeof a);
+    ipe_motion_init(&sensors, k);
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_motion_push(&sensors, &row, &motion));
+    a.error = motion.error;
     ipe_wrench_init(&stage, k);
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_wrench_from_row(&stage, &row, &motion, &wrench));
     memcpy(a.s, motion.s, sizeof a.s);

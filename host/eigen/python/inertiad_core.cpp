@@ -88,7 +88,9 @@ nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN
 /// The weak equations of a run's rows.
 struct Windows {
     Windows(const inertiad::Config& config_, const OwnedPipeline& run) : Windows(config_, run.rows) {}
-    Windows(const inertiad::Config& config_, const Rows& run) : Windows(config_, run.row) {}
+    Windows(const inertiad::Config& config_, const Rows& run) : Windows(inertiad::usable(config_, run.derived), run.row)
+    {
+    }
     Windows(const inertiad::Config& config_, const std::vector<ipe_row_t>& rows)
         : config(config_), window(inertiad::windows_of(config_, rows))
     {
@@ -252,6 +254,7 @@ std::vector<ipe_average_t> averages_of(const inertiad::Config& config, double ra
         std::copy_n(plan.p.data() + 3 * k, 3, motion.p);
         std::copy_n(plan.R.data() + 9 * k, 9, &motion.R[0][0]);
         std::copy_n(plan.f.data() + m * k, m, wrench.f);
+        ipe_motion_nominal_error(&config.c(), motion.R, &motion.error);
         const auto t_ns = static_cast<int64_t>(std::llround(1e9 * static_cast<double>(k + 1) / rate));
         if (ipe_window_push(&window, t_ns, &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
     }
@@ -295,6 +298,7 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
         std::copy_n(p.data() + 3 * k, 3, average.p);
         std::copy_n(velocity.data() + 3 * k, 3, average.velocity);
         std::copy_n(R.data() + 9 * k, 9, &average.R[0][0]);
+        ipe_motion_nominal_error(&config.c(), average.R, &average.error);
         std::copy_n(f.data() + m * k, m, average.f);
         ipe_rate_products(average.w, average.ww);
         filter_equations(config, average, theta, H.data + IPE_NY * n_x * k);
@@ -316,7 +320,7 @@ inertiad::Covariance rehearse(const inertiad::Config& config, double rate, const
     }
     for (std::size_t i = 0; i < window.size(); ++i) {
         std::copy_n(y.data() + IPE_NY * i, IPE_NY, window[i].y);
-        ipe_estimator_predict(estimator.get(), &config.c(), window[i].t_ns);
+        ipe_estimator_predict(estimator.get(), &window[i]);
         if (ipe_estimator_update(estimator.get(), &config.c(), &window[i]) < IPE_OK) {
             throw std::invalid_argument("motion, y: NaN, Inf or a cable without direction");
         }

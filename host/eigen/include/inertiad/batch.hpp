@@ -31,7 +31,9 @@ constexpr double CONVERGED = 1e-3;  // posterior sigmas: chosen so that the last
 /// Solve. Throws std::domain_error with the reason where there is nothing to solve or no body comes out.
 inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
 {
-    detail::Problem problem(config, runs, settings);
+    Config used = config;
+    for (const BatchRun& run : runs) { used = usable(used, run.derived); }
+    detail::Problem problem(used, runs, settings);
     BatchResult result{};
     for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
         const int step = result.n_steps;

@@ -13,6 +13,7 @@
 
 #include <Eigen/Geometry>
 
+#include <algorithm>
 #include <vector>
 
 extern "C" {
@@ -122,6 +123,9 @@ inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int 
         }
         for (int i = 0; i < n_cables; ++i) {
             row.f[i] = at(f, f_share, [i](const ipe_row_t& r) { return r.f[i]; });
+        }
+        if (position_delay != 0.0) {
+            row.has_position = rows[p].has_position && rows[std::min(p + 1, rows.size() - 1)].has_position;
         }
         moved.push_back(row);
     }

@@ -22,6 +22,14 @@ struct Derived {
     bool rate = false;
 };
 
+/// The configuration under which a run can be used: without a measured rate or specific force the attitude is the AHRS's.
+inline Config usable(const Config& config, Derived derived)
+{
+    ipe_config_t c = config.c();
+    if (derived.force || derived.rate) { c.attitude_estimate = IPE_ATTITUDE_AHRS; }
+    return Config::from(c);
+}
+
 namespace detail {
 
 /// How I axes, P axes and W lie to each other under a configuration.

@@ -20,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.identify import fit, time_delay
 from inertiad.identify.time_delay import Delay
-from inertiad.robot import dbc, description, systematic
+from inertiad.robot import configuration, dbc, description, systematic
 from inertiad.robot.description import Position, Robot
 from inertiad.run import canlog, encode, host_info, reader, tracker_csv
 from inertiad.run.canlog import CanLog
@@ -108,7 +108,7 @@ def _tracker_delay(robot: Robot, run: Path) -> Delay:
     to_imu = Rotation.from_quat(robot.imu.orientation, scalar_first=True).inv()
     lever = to_imu.apply(np.array(robot.tracker.target) - np.array(robot.imu.position))
     std = robot.calibration.std.model_dump(exclude_none=True)
-    spread = robot.std.model_dump() | std
+    spread = configuration.std(robot) | std
     prior = time_delay.Prior(
         robot.gravity, lever, spread["acc_bias"], spread["gyro_bias"], max(spread["imu_position"], LEVER_STD_MIN)
     )
@@ -126,9 +126,10 @@ def delays(robot: Robot, run: Path) -> tuple[Delay, tuple[float, float]]:
 
 def calibration(robot: Robot, position: Delay, force: tuple[float, float]) -> dict[str, Any]:
     """The keys of [calibration] that the delays belong to."""
+    configured, calibrated = configuration.delays(robot), robot.calibration
     return {
-        "position_delay": position.value - robot.align.delay_position,
-        "force_delay": force[0] - robot.align.delay_force,
+        "position_delay": position.value - configured["position"] + calibrated.position_delay,
+        "force_delay": force[0] - configured["force"] + calibrated.force_delay,
         "std": {"position_delay": position.std, "force_delay": force[1]},
     }
 
@@ -146,7 +147,7 @@ def _recording(robot: Robot, run: Path) -> reader.Recording:
 
 def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float]:
     """Total delay of the forces and its sigma, s, by the joint fit."""
-    configured = robot.align.delay_force + robot.calibration.force_delay
+    configured = configuration.delays(robot)["force"]
     known = _with_delays(robot, position, (configured, FORCE_DELAY_STD))
     result = fit.joint(reader.config_of(known, str(run)), [_recording(known, run)])
     assert result.xi is not None and result.xi_std is not None
@@ -169,8 +170,8 @@ def _costs(robot: Robot, run: Path, position: Delay, force: tuple[float, float])
     aligned = _with_delays(robot, position, force)
     config, recording = reader.config_of(aligned, str(run)), _recording(aligned, run)
     best = _body(config, recording, (0.0, 0.0))
-    was = robot.calibration.position_delay + robot.align.delay_position - position.value
-    was_force = robot.calibration.force_delay + robot.align.delay_force - force[0]
+    configured = configuration.delays(robot)
+    was, was_force = configured["position"] - position.value, configured["force"] - force[0]
     for what, shift in (
         (f"as configured, tracker {1e3 * was:+.2f} ms and forces {1e3 * was_force:+.2f} ms off", (was, was_force)),
         (f"one sigma of the tracker's delay, {1e3 * position.std:.2f} ms", (position.std, 0.0)),

@@ -159,7 +159,7 @@ def _health_parts(health: health_t, before: health_t | None) -> list[Any]:
     if any(x.n for x in health.latency):
         parts.append(_latency_table(health))
     parts += [_sensor_line(health), _loss_line(health)]
-    if n_carried := _counters(health).get("align.position.carried"):
+    if n_carried := _counters(health).get("motion.carried"):
         parts.append(Text(f"{n_carried} rows in tracker gaps, position carried by attitude and IMU", style="yellow"))
     if health.frozen:
         parts.append(Text("frozen: nothing is learnt", style="cyan"))

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inertiad.base import quantity
 from inertiad.base.table import Array, Table
+from inertiad.robot.configuration import delays
 from inertiad.robot.description import Robot
 
 KNOTS_PER_WINDOW = 4
@@ -95,7 +96,8 @@ def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, 
     The tracker's are platform to world. The delays of [align] and [calibration] are taken off both. Between poses
     further apart than max_age_position there is nothing.
     """
-    late = robot.align.delay_position + robot.calibration.position_delay - robot.align.delay_imu
+    delay = delays(robot)
+    late = delay["position"] - delay["imu"]
     at = t + late
     after = np.clip(np.searchsorted(tracker.t, at), 1, len(tracker.t) - 1)
     near = np.diff(tracker.t)[after - 1] <= robot.align.max_age_position
@@ -107,8 +109,8 @@ def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, 
 
 def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Array]:
     """Times [K] s and positions [K, 3] of the IMU point in W, at the tracker's samples within the signals' time."""
-    align, calibration = robot.align, robot.calibration
-    t = positions.t - align.delay_position - calibration.position_delay + align.delay_imu
+    delay = delays(robot)
+    t = positions.t - delay["position"] + delay["imu"]
     inside = (t >= signals.t[0]) & (t <= signals.t[-1])
     t, x = t[inside], positions.stack("x", "y", "z")[inside]
     R = Slerp(signals.t, _axes(robot).to_world(signals.stack(*quantity.QUATERNION)))

@@ -114,7 +114,8 @@ struct Problem {
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
             const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
             const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
-            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            found.turn.back() =
+                -X.middleCols<3>(IPE_XI_ATTITUDE) * Eigen::Map<const Matrix3>(&a.R[0][0]).transpose();  // about W's axes
             if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
             for (std::size_t i = 0; i < free.size(); ++i) {
                 block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
@@ -126,12 +127,12 @@ struct Problem {
     /// V of a run from its residuals, wander taken out of them by what V was so far.
     Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before) const
     {
-        Wander wander(wander_std(), 1);
+        Wander wander(!free.empty(), 1);
         std::vector<Column6> innovation;
         Column6 explained = Column6::Zero();
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
+            explained += wander.take_out(run.window[k], measured.turn[k], V_before, e).diagonal();
             innovation.push_back(e);
         }
         return run_covariance(config, run.window, innovation, explained);
@@ -140,10 +141,10 @@ struct Problem {
     /// The run's rows as independent ones of unit variance.
     Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C) const
     {
-        Wander wander(wander_std(), n + 1);
+        Wander wander(!free.empty(), n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Square6 part = wander.take_out(run.window[k].t_ns, measured.turn[k], C, block);
+            const Square6 part = wander.take_out(run.window[k], measured.turn[k], C, block);
             const Square6 L = Square6(part + C).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
         }
@@ -157,8 +158,6 @@ struct Problem {
         for (const BatchFit& f : of) { n_windows += static_cast<double>(f.n_windows); }
         return 6.0 * n_windows / (2.0 / 3.0 * (IPE_NOISE_LAGS + 1));
     }
-
-    double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
 
     Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
     {

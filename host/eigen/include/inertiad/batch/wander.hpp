@@ -8,22 +8,33 @@
 
 namespace inertiad::detail {
 
+constexpr double SHORTEST_WANDER = 0.1;  // s, as in filter_states.c
+
 /// The attitude's wander, taken out of equations window by window: a Kalman filter whose measurements are all columns of the
 /// equations at once, since what it would estimate is linear in them.
 class Wander {
 public:
-    Wander(double std, Eigen::Index n_columns) : std_(std), estimate_(Eigen::MatrixXd::Zero(3, n_columns)) {}
+    Wander(bool is_modelled, Eigen::Index n_columns)
+        : is_modelled_(is_modelled), estimate_(Eigen::MatrixXd::Zero(3, n_columns))
+    {
+    }
 
-    /// Equations [6][n_columns] at t_ns, of which wander makes turn [6][3] times itself, become innovations; returns the
+    /// Equations [6][n_columns] of a window, of which wander makes turn [6][3] times itself, become innovations; returns the
     /// covariance of wander's part in them. V: of the rest.
-    Square6 take_out(int64_t t_ns, const Eigen::Matrix<double, 6, 3>& turn, const Square6& V,
+    Square6 take_out(const ipe_average_t& window, const Eigen::Matrix<double, 6, 3>& turn, const Square6& V,
                      Eigen::Ref<Eigen::MatrixXd> rows)
     {
-        const double elapsed = t_ns_ == 0 ? HUGE_VAL : 1e-9 * static_cast<double>(t_ns - t_ns_) / IPE_WANDER_TIME;
-        const double fade = std::exp(-elapsed);
-        t_ns_ = t_ns;
-        estimate_ *= fade;
-        P_ = fade * fade * P_ + std_ * std_ * (1.0 - fade * fade) * Eigen::Matrix3d::Identity();
+        if (!is_modelled_) { return Square6::Zero(); }
+        const double elapsed = t_ns_ == 0 ? HUGE_VAL : 1e-9 * static_cast<double>(window.t_ns - t_ns_);
+        Eigen::Vector3d fade, drive;
+        for (int i = 0; i < 3; ++i) {
+            fade[i] = std::exp(-elapsed / std::max(window.error.attitude_time[i], SHORTEST_WANDER));
+            drive[i] = window.error.attitude_std[i] * window.error.attitude_std[i] * (1.0 - fade[i] * fade[i]);
+        }
+        t_ns_ = window.t_ns;
+        estimate_ = (fade.asDiagonal() * estimate_).eval();
+        P_ = (fade.asDiagonal() * P_ * fade.asDiagonal()).eval();
+        P_.diagonal() += drive;
         const Square6 part = turn * P_ * turn.transpose();
         const Eigen::Matrix<double, 3, 6> gain = Square6(part + V).llt().solve(turn * P_).transpose();
         rows -= turn * estimate_;
@@ -33,7 +44,7 @@ public:
     }
 
 private:
-    double std_;
+    bool is_modelled_;
     int64_t t_ns_ = 0;
     Eigen::Matrix3d P_ = Eigen::Matrix3d::Zero();
     Eigen::MatrixXd estimate_;
