@@ -52,6 +52,7 @@ ipe_status_t ipe_cable_line(const ipe_cable_t* cable, const double B[3], ipe_cab
 void ipe_cable_sag(const ipe_cable_t* cable, const ipe_cable_line_t* line, double force[3])
 {
     const double half_weight = 0.5 * cable->weight_per_length * line->free;
-    for (int i = 0; i < 3; ++i) { force[i] = half_weight * line->u[2] * line->u[i]; }
+    const double along = (cable->force_at == IPE_FORCE_AT_WINCH ? -half_weight : half_weight) * line->u[2];
+    for (int i = 0; i < 3; ++i) { force[i] = along * line->u[i]; }
     force[2] -= half_weight;
 }

@@ -174,7 +174,7 @@ void ipe_rls_fade(ipe_rls_t* s, int i, double factor)
     for (int j = i + 1; j < s->n; ++j) { s->U[column(j) + i] *= factor; }
 }
 
-static double element(const ipe_rls_t* s, int i, int k)
+double ipe_rls_covariance_of(const ipe_rls_t* s, int i, int k)
 {
     double sum = 0.0;
     for (int j = i > k ? i : k; j < s->n; ++j) {
@@ -188,13 +188,13 @@ static double element(const ipe_rls_t* s, int i, int k)
 void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P)
 {
     for (int i = 0; i < rows; ++i) {
-        for (int k = 0; k <= i; ++k) { P[i * rows + k] = P[k * rows + i] = element(s, i, k); }
+        for (int k = 0; k <= i; ++k) { P[i * rows + k] = P[k * rows + i] = ipe_rls_covariance_of(s, i, k); }
     }
 }
 
 double ipe_rls_std(const ipe_rls_t* s, int i)
 {
-    return sqrt(element(s, i, i));
+    return sqrt(ipe_rls_covariance_of(s, i, i));
 }
 
 bool ipe_rls_invariants_hold(const ipe_rls_t* s)

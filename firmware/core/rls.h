@@ -62,6 +62,9 @@ void ipe_rls_fade(ipe_rls_t* s, int i, double factor);
 /// P [n][n] = U D U^T, symmetric; only the first rows x rows are computed and written, as [rows][rows].
 void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P);
 
+/// Covariance of states i and k.
+double ipe_rls_covariance_of(const ipe_rls_t* s, int i, int k);
+
 /// Standard deviation of state i.
 double ipe_rls_std(const ipe_rls_t* s, int i);
 

@@ -6,39 +6,74 @@
 #include "wrench.h"
 
 #include <assert.h>
+#include <stddef.h>
 #include <string.h>
 
-static_assert(IPE_XI_FILTER_MAX == IPE_XI_FORCE + 2 * IPE_CABLES_MAX, "sizes in dims.h");
+static_assert(IPE_XI_FORCE == IPE_XI_GYRO_BIAS + 3, "the table and the numbers in systematic.h agree");
 
 #define STEP 1e-4  // m and rad of the central differences
 
+enum { PER_CABLE = 0 };
+
+/// The groups, in the order of xi.
+static const struct {
+    const char* name;
+    int count;  ///< or PER_CABLE
+    bool is_ahrs_only;
+    size_t std;
+} GROUP[] = {
+#define STD(field) offsetof(ipe_config_t, field)
+    {"attitude_bias", 3, false, STD(std_attitude)},
+    {"world_yaw", 1, false, STD(std_world_yaw)},
+    {"acc_bias", 3, false, STD(std_acc_bias)},
+    {"imu_alignment", 3, false, STD(std_imu_alignment)},
+    {"position_delay", 1, false, STD(std_position_delay)},
+    {"force_delay", 1, false, STD(std_force_delay)},
+    {"attitude_delay", 1, true, STD(std_attitude_delay)},
+    {"imu_position", 3, false, STD(std_imu_position)},
+    {"tracker_target", 3, false, STD(std_tracker_target)},
+    {"acc_scale", 1, true, STD(std_acc_scale)},
+    {"gyro_scale", 1, true, STD(std_gyro_scale)},
+    {"gyro_bias", 3, false, STD(std_gyro_bias)},
+    {"force_offset", PER_CABLE, false, STD(std_force_offset)},
+    {"force_gain", PER_CABLE, false, STD(std_force_gain)},
+    {"friction", PER_CABLE, false, STD(std_friction)},
+#undef STD
+};
+
+enum { GROUPS = sizeof GROUP / sizeof GROUP[0] };
+
 int ipe_systematic_count(int n_cables)
 {
-    return ipe_systematic_filter_count(n_cables) + 4;
+    return IPE_XI_FORCE + 3 * n_cables;
 }
 
-int ipe_systematic_filter_count(int n_cables)
+int ipe_systematic_planned_count(int n_cables)
 {
     return IPE_XI_FORCE + 2 * n_cables;
 }
 
-static void fill(double* out, int n, double value)
+bool ipe_systematic_group(int number, int n_cables, ipe_systematic_group_t* group)
 {
-    for (int i = 0; i < n; ++i) { out[i] = value; }
+    if (number < 0 || number >= GROUPS) { return false; }
+    group->first = 0;
+    for (int i = 0; i <= number; ++i) {
+        if (i > 0) { group->first += group->count; }
+        group->count = GROUP[i].count == PER_CABLE ? n_cables : GROUP[i].count;
+    }
+    group->name = GROUP[number].name;
+    return true;
 }
 
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
 {
-    const int m = config->n_cables;
-    fill(std + IPE_XI_ATTITUDE, 3, config->std_attitude);
-    fill(std + IPE_XI_YAW, 1, config->std_world_yaw);
-    fill(std + IPE_XI_ACC_BIAS, 3, config->std_acc_bias);
-    fill(std + IPE_XI_ALIGNMENT, 3, config->std_imu_alignment);
-    fill(std + IPE_XI_POSITION_DELAY, 1, config->std_position_delay);
-    fill(std + IPE_XI_FORCE, m, config->std_force_offset);
-    fill(std + IPE_XI_FORCE + m, m, config->std_force_gain);
-    fill(std + IPE_XI_FORCE + 2 * m, 3, config->std_gyro_bias);
-    fill(std + IPE_XI_FORCE + 2 * m + 3, 1, config->std_force_delay);
+    for (int g = 0; g < GROUPS; ++g) {
+        const int count = GROUP[g].count == PER_CABLE ? config->n_cables : GROUP[g].count;
+        const bool is_absent = GROUP[g].is_ahrs_only && config->attitude_estimate == IPE_ATTITUDE_FUSED;
+        double value;
+        memcpy(&value, (const char*)config + GROUP[g].std, sizeof value);
+        for (int i = 0; i < count; ++i) { *std++ = is_absent ? 0.0 : value; }
+    }
 }
 
 /// Cable wrench at the window's tensions with the pose moved by dp (W) and turned by the body rotation vector turn
@@ -95,6 +130,10 @@ static void pose_columns(const ipe_config_t* config, const ipe_average_t* a, dou
         memcpy(&X[j][IPE_XI_ATTITUDE], by_attitude[j], 3 * sizeof(double));
         X[j][IPE_XI_YAW] = vec3_dot(by_attitude[j], up);
         X[j][IPE_XI_POSITION_DELAY] = vec3_dot(by_position[j], velocity);
+        X[j][IPE_XI_ATTITUDE_DELAY] = vec3_dot(by_attitude[j], a->w);
+        double by_target[3];
+        mat3_tmul_vec(a->R, by_position[j], by_target);
+        for (int i = 0; i < 3; ++i) { X[j][IPE_XI_TRACKER_TARGET + i] = -by_target[i]; }
     }
 }
 
@@ -108,9 +147,10 @@ static void force_columns(const ipe_config_t* config, const ipe_average_t* a, co
             const double per_newton = W[j][i] / (1.0 + config->force_gain[i]);
             X[j][IPE_XI_FORCE + i] = -per_newton;
             X[j][IPE_XI_FORCE + m + i] = -per_newton * a->f[i];
+            X[j][IPE_XI_FORCE + 2 * m + i] = W[j][i] * a->friction[i];
             by_delay += W[j][i] * a->f_slope[i];
         }
-        X[j][IPE_XI_FORCE + 2 * m + 3] = by_delay;
+        X[j][IPE_XI_FORCE_DELAY] = by_delay;
     }
 }
 
@@ -136,6 +176,26 @@ static void product_change(const double w[3], const double dw[3], double dww[6])
     dww[5] = w[0] * dw[1] + dw[0] * w[1];
 }
 
+/// ([alpha]x + [w]x[w]x) e_i: acceleration, P axes, of a place at 1 m along axis i relative to the reference.
+static void relative_acceleration(const ipe_average_t* a, int i, double out[3])
+{
+    const double axis[3] = {i == 0, i == 1, i == 2};
+    const double* ww = a->ww;
+    const double W2[3][3] = {{-ww[1] - ww[2], ww[5], ww[4]}, {ww[5], -ww[0] - ww[2], ww[3]}, {ww[4], ww[3], -ww[0] - ww[1]}};
+    vec3_cross(a->alpha, axis, out);
+    for (int j = 0; j < 3; ++j) { out[j] += W2[j][i]; }
+}
+
+static void scale_columns(const ipe_average_t* a, const double theta[IPE_NP], double X[IPE_NY][IPE_XI_MAX])
+{
+    const double none[6] = {0.0};
+    double ds[3], dww[6], dalpha[3];
+    for (int i = 0; i < 3; ++i) { ds[i] = -a->s[i], dalpha[i] = -a->alpha[i]; }
+    for (int i = 0; i < 6; ++i) { dww[i] = -2.0 * a->ww[i]; }
+    motion_column(ds, none, none, theta, IPE_XI_ACC_SCALE, X);
+    motion_column(none, dww, dalpha, theta, IPE_XI_GYRO_SCALE, X);
+}
+
 static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, const double theta[IPE_NP],
                            double X[IPE_NY][IPE_XI_MAX])
 {
@@ -148,13 +208,17 @@ static void motion_columns(const ipe_config_t* config, const ipe_average_t* a, c
         axis[i] = 1.0;
         motion_column(minus, none, none, theta, IPE_XI_ACC_BIAS + i, X);
         product_change(a->w, minus, dww);
-        motion_column(none, dww, none, theta, IPE_XI_FORCE + 2 * config->n_cables + i, X);
+        motion_column(none, dww, none, theta, IPE_XI_GYRO_BIAS + i, X);
         vec3_cross(axis, a->s, ds);
         vec3_cross(axis, a->w, dw);
         vec3_cross(axis, a->alpha, dalpha);
         product_change(a->w, dw, dww);
         motion_column(ds, dww, dalpha, theta, IPE_XI_ALIGNMENT + i, X);
+        relative_acceleration(a, i, ds);
+        for (int j = 0; j < 3; ++j) { ds[j] = -ds[j]; }
+        motion_column(ds, none, none, theta, IPE_XI_IMU_POSITION + i, X);
     }
+    scale_columns(a, theta, X);
 }
 
 /// An IMU mounted otherwise gives another attitude too: R(q) R_PI^T exp(-xi) exp(attitude_bias).

@@ -76,12 +76,14 @@ typedef struct {
     double w[3];     ///< angular rate, P axes, rad/s
     double R[3][3];  ///< P to W
     double p[3];     ///< position of P in W, m
+    double v[3];     ///< velocity of P in W, m/s
 } ipe_motion_t;
 
 /// Force and moment of the cables on the platform at the IMU point, P axes: fx fy fz [N], tx ty tz [N m].
 typedef struct {
     double y[IPE_NY];
-    double f[IPE_CABLES_MAX];  ///< the tensions it was made from, calibrated, N
+    double f[IPE_CABLES_MAX];  ///< the tensions at the platform it was made from, calibrated, N
+    double friction[IPE_CABLES_MAX];  ///< f sgn(cable speed), smoothed near rest, N: what a friction of 1 adds to f
 } ipe_wrench_t;
 
 #endif

@@ -5,6 +5,8 @@
 ///   s = R_PI (acc - acc_bias)        w = R_PI (gyro - gyro_bias)
 ///   f_i = (measured_i - offset_i)/(1 + gain_i)
 ///   F = sum R^T (f_i u_i + sag_i)    tau = sum (b_i - p_I) x R^T (f_i u_i + sag_i)
+///   friction_i = f_i x/sqrt(1 + x^2),  x = l_i'/(1 cm/s),  l_i' = -u_i . (v + R (w x b_i))
+/// R comes out turned by w delay_attitude. v is that of an observer of p, driven by the acceleration, of 2 rad/s.
 /// Source: firmware/DESIGN.md, "Wrench". 2 KB of state, about 0.5 us for 8 cables, one thread.
 #ifndef IPE_WRENCH_H
 #define IPE_WRENCH_H
@@ -18,6 +20,10 @@ typedef struct {
     double R_PI[3][3];        ///< I axes to P axes
     double yaw[3][3];         ///< Rz(world_yaw)
     double correction[3][3];  ///< R_PI^T exp(attitude_bias)
+    struct {
+        int64_t t_ns;         ///< of the last row, 0: none yet
+        double p[3], v[3];    ///< of the IMU point, W
+    } observed;
 
     uint64_t n_rows;          ///< rows turned into a wrench
     uint64_t n_geometry;      ///< rows refused: a cable without direction

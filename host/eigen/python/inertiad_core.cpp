@@ -4,6 +4,7 @@
 #include "binding.hpp"
 
 #include <inertiad/body.hpp>
+#include <inertiad/calibrated.hpp>
 #include <inertiad/cable.hpp>
 #include <inertiad/config.hpp>
 #include <inertiad/estimate.hpp>
@@ -222,7 +223,7 @@ struct Plan {
 void filter_equations(const inertiad::Config& config, const ipe_average_t& average, const inertiad::Theta& theta,
                       double* H)
 {
-    const std::size_t n_xi = static_cast<std::size_t>(ipe_systematic_filter_count(config.n_cables()));
+    const std::size_t n_xi = static_cast<std::size_t>(ipe_systematic_planned_count(config.n_cables()));
     const inertiad::Regressor Y = inertiad::regressor(average);
     const inertiad::SystematicColumns X = inertiad::systematic_columns(config, average, theta);
     for (Eigen::Index j = 0; j < IPE_NY; ++j) {
@@ -263,7 +264,7 @@ nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN
 {
     double length = 0.0;
     const std::vector<ipe_average_t> found = averages_of(config, rate, {s, w, p, R, f}, length);
-    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
+    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_planned_count(config.n_cables()));
     Out<3> H({found.size(), IPE_NY, n_x});
     Out<2> motion({found.size(), 6});
     for (std::size_t k = 0; k < found.size(); ++k) {
@@ -283,7 +284,7 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
     Plan{s, w, p, R, f}.check(config, n);
     require_rows(n, alpha.shape(0), "alpha");
     require_rows(n, velocity.shape(0), "velocity");
-    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
+    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_planned_count(config.n_cables()));
     Out<3> H({n, IPE_NY, n_x});
     for (std::size_t k = 0; k < n; ++k) {
         ipe_average_t average{};
@@ -457,7 +458,7 @@ NB_MODULE(inertiad_core, m)
         "motion sampled at rate [Hz] will be averaged to; s, w [N,3] at the IMU, P axes; p [N,3], R [N,3,3] pose of P; tensions f "
         "[N,m]; theta [10] about the IMU. window.h, systematic.h");
     m.def("planned_instants", &planned_instants, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "velocity"_a, "R"_a, "f"_a,
-          "theta"_a, "[Y, -X] [N,6,21+2m] of single instants. systematic.h");
+          "theta"_a, "[Y, -X] [N,6,34+2m] of single instants. systematic.h");
     m.def(
         "rehearse", &rehearse, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "y"_a,
         "Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to "
@@ -522,7 +523,7 @@ NB_MODULE(inertiad_core, m)
         .def_prop_ro("t", &Windows::t, nb::rv_policy::move, "[M] s since the first")
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
-        .def("X", &Windows::X, "theta"_a, "[M,6,15+2m]");
+        .def("X", &Windows::X, "theta"_a, "[M,6,24+3m]");
     m.def(
         "systematic_std",
         [](const inertiad::Config& config) {
@@ -532,7 +533,20 @@ NB_MODULE(inertiad_core, m)
             std::copy_n(std, out.shape[0], out.data);
             return out.release();
         },
-        "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
+        "config"_a, "One sigma [24+3m] of each systematic parameter. systematic.h");
+    m.def(
+        "systematic_groups",
+        [](int n_cables) {
+            nb::list found;
+            ipe_systematic_group_t group;
+            for (int i = 0; ipe_systematic_group(i, n_cables, &group); ++i) {
+                found.append(nb::make_tuple(group.name, group.first, group.count));
+            }
+            return found;
+        },
+        "n_cables"_a, "Name, first index and number of each kind of systematic parameter. systematic.h");
+    m.def("linear_parameters", &inertiad::linear_parameters, "n_cables"_a,
+          "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
     bind_batch(m);
     bind_plant(m);
 }

@@ -87,10 +87,11 @@ namespace detail {
 
 constexpr int LAGS = 25;
 constexpr double PRIOR_WINDOWS = 3.0;
-constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever of it wander explains
+constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever of it drift explains
 constexpr double CONVERGED = 1e-3;   // sigmas
-constexpr double SMALLEST_STD = 1e-12;
+constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s
+constexpr double SPEED_STD = 0.05;   // m/s, of the vertical speed's change over a run
 
 using Square6 = Eigen::Matrix<double, 6, 6>;
 using Column6 = Eigen::Matrix<double, 6, 1>;
@@ -101,10 +102,10 @@ struct Linearised {
     std::vector<bool> is_rest;
 };
 
-/// Equations of a run's windows: rows [A, b], six each, and d(b)/d(wander) of each window.
+/// Equations of a run's windows: rows [A, b], six each, and d(b)/d(drift) of each window.
 struct Equations {
     Eigen::MatrixXd rows;
-    std::vector<Eigen::Matrix<double, 6, 3>> turn;
+    std::vector<Eigen::MatrixXd> by_drift;
 
     Column6 residual(std::size_t k) const
     {
@@ -154,7 +155,7 @@ Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& windo
     return sum;
 }
 
-/// V_run from the innovations, the part of their variance that wander explains [6], as a sum, and, counting for 3 windows,
+/// V_run from the innovations, the part of their variance that drift explains [6], as a sum, and, counting for 3 windows,
 /// the configured covariance.
 inline Square6 run_covariance(const Config& config, const std::vector<ipe_average_t>& window,
                               const std::vector<Column6>& e, const Column6& explained)
@@ -200,35 +201,49 @@ inline SmoothWindow reproducing(const Eigen::MatrixXd& W, const Column6& residua
     return a;
 }
 
-/// The attitude's wander, taken out of equations window by window: a Kalman filter whose measurements are all columns of the
-/// equations at once, since what it would estimate is linear in them.
-class Wander {
+/// What changes slowly during a run, taken out of equations window by window: the attitude's wander, 3, and the random walk
+/// of the force offsets about where they begin, m. A Kalman filter whose measurements are all columns of the equations at
+/// once, since what it would estimate is linear in them.
+class Drift {
 public:
-    Wander(double std, Eigen::Index n_columns) : std_(std), estimate_(Eigen::MatrixXd::Zero(3, n_columns)) {}
-
-    /// Equations [6][n_columns] at t_ns, of which wander makes turn [6][3] times itself, become innovations; returns the
-    /// covariance of wander's part in them. V: of the rest.
-    Square6 take_out(int64_t t_ns, const Eigen::Matrix<double, 6, 3>& turn, const Square6& V,
-                     Eigen::Ref<Eigen::MatrixXd> rows)
+    Drift(const ipe_config_t& config, Eigen::Index n_columns)
+        : config_(config), P_(Eigen::MatrixXd::Zero(3 + config.n_cables, 3 + config.n_cables)),
+          estimate_(Eigen::MatrixXd::Zero(3 + config.n_cables, n_columns))
     {
-        const double elapsed = t_ns_ == 0 ? HUGE_VAL : 1e-9 * static_cast<double>(t_ns - t_ns_) / IPE_WANDER_TIME;
-        const double fade = std::exp(-elapsed);
-        t_ns_ = t_ns;
-        estimate_ *= fade;
-        P_ = fade * fade * P_ + std_ * std_ * (1.0 - fade * fade) * Eigen::Matrix3d::Identity();
-        const Square6 part = turn * P_ * turn.transpose();
-        const Eigen::Matrix<double, 3, 6> gain = Square6(part + V).llt().solve(turn * P_).transpose();
-        rows -= turn * estimate_;
+    }
+
+    /// Equations [6][n_columns] at t_ns, of which drift makes by_drift [6][3 + m] times itself, become innovations;
+    /// returns the covariance of drift's part in them. V: of the rest.
+    Square6 take_out(int64_t t_ns, const Eigen::MatrixXd& by_drift, const Square6& V, Eigen::Ref<Eigen::MatrixXd> rows)
+    {
+        predict(t_ns);
+        const Eigen::MatrixXd PH = P_ * by_drift.transpose();
+        const Square6 part = by_drift * PH;
+        const Eigen::MatrixXd gain = Square6(part + V).llt().solve(PH.transpose()).transpose();
+        rows -= by_drift * estimate_;
         estimate_ += gain * rows;
-        P_ -= (gain * turn * P_).eval();
+        P_ -= gain * PH.transpose();
         return part;
     }
 
 private:
-    double std_;
+    void predict(int64_t t_ns)
+    {
+        const bool is_first = t_ns_ == 0;
+        const double elapsed = is_first ? 0.0 : 1e-9 * static_cast<double>(t_ns - t_ns_);
+        const double fade = is_first ? 0.0 : std::exp(-elapsed / IPE_WANDER_TIME);
+        const double wander = config_.std_attitude_wander, drift = config_.std_force_offset_drift;
+        t_ns_ = t_ns;
+        estimate_.topRows<3>() *= fade;
+        P_.topRows<3>() *= fade;
+        P_.leftCols<3>() *= fade;
+        P_.diagonal().head<3>().array() += wander * wander * (1.0 - fade * fade);
+        P_.diagonal().tail(config_.n_cables).array() += drift * drift * elapsed;
+    }
+
+    const ipe_config_t& config_;
     int64_t t_ns_ = 0;
-    Eigen::Matrix3d P_ = Eigen::Matrix3d::Zero();
-    Eigen::MatrixXd estimate_;
+    Eigen::MatrixXd P_, estimate_;
 };
 
 /// Rows of a least-squares problem, kept as the triangle of their QR factors: any number of rows in little memory.
@@ -269,9 +284,9 @@ struct Problem {
         std_xi.resize(IPE_XI_MAX);
         ipe_systematic_std(&config.c(), std_xi.data());
         std_xi.conservativeResize(n_xi);
-        std_xi = std_xi.cwiseMax(SMALLEST_STD);
         for (int i = 0; i < n_xi; ++i) {
-            if (settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)]) { free.push_back(i); }
+            const bool is_wanted = settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)];
+            if (is_wanted && std_xi[i] > 0.0) { free.push_back(i); }
         }
         at_geometry = IPE_NP * n_groups + static_cast<int>(free.size());
         n_geometry = free.empty() || config.c().std_geometry <= 0.0 ? 0 : 3 * config.n_cables();
@@ -327,7 +342,16 @@ struct Problem {
         return b;
     }
 
-    /// Rows [A, b] of a run as measured, and what wander does to each window's.
+    /// What the parameters in which the equations are linear add to a window's wrench.
+    Column6 linear_part(const Config& corrected, Derived derived, const SmoothWindow& window, const Theta& x) const
+    {
+        const SystematicColumns X = systematic_columns(corrected, derived, window, x);
+        Column6 sum = Column6::Zero();
+        for (const int i : linear_parameters(config.n_cables())) { sum += X.col(i) * xi[i]; }
+        return sum;
+    }
+
+    /// Rows [A, b] of a run as measured, and what drift does to each window's.
     Equations equations(const Linearised& run, const BatchRun& of, const Config& corrected) const
     {
         Equations found;
@@ -338,7 +362,7 @@ struct Problem {
             const ipe_average_t& a = run.window[k];
             auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
             Column6 y = Eigen::Map<const Vector6>(a.y);
-            found.turn.push_back(Eigen::Matrix<double, 6, 3>::Zero());
+            found.by_drift.push_back(Eigen::MatrixXd::Zero(6, 3 + config.n_cables()));
             if (free.empty()) {
                 block.middleCols<IPE_NP>(IPE_NP * of.group) = regressor(a);
                 block.col(n) = y - regressor(a) * x;
@@ -346,12 +370,13 @@ struct Problem {
             }
             const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
             if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
+            y += linear_part(corrected, of.derived, smooth[k], x);
             block.col(n) = y - regressor(a) * x;
             const Regressor Y = regressor(smooth[k].average);
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
             const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
             const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
-            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE), -X.middleCols(IPE_XI_FORCE, config.n_cables());
             if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
             for (std::size_t i = 0; i < free.size(); ++i) {
                 block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
@@ -360,15 +385,15 @@ struct Problem {
         return found;
     }
 
-    /// V of a run from its residuals, wander taken out of them by what V was so far.
+    /// V of a run from its residuals, drift taken out of them by what V was so far.
     Square6 learnt_covariance(const Linearised& run, const Equations& measured, const Square6& V_before) const
     {
-        Wander wander(wander_std(), 1);
+        Drift drift(config.c(), 1);
         std::vector<Column6> innovation;
         Column6 explained = Column6::Zero();
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
+            explained += drift.take_out(run.window[k].t_ns, measured.by_drift[k], V_before, e).diagonal();
             innovation.push_back(e);
         }
         return run_covariance(config, run.window, innovation, explained);
@@ -377,10 +402,10 @@ struct Problem {
     /// The run's rows as independent ones of unit variance.
     Eigen::MatrixXd whitened(const Linearised& run, Equations measured, const Square6& C) const
     {
-        Wander wander(wander_std(), n + 1);
+        Drift drift(config.c(), n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Square6 part = wander.take_out(run.window[k].t_ns, measured.turn[k], C, block);
+            const Square6 part = drift.take_out(run.window[k].t_ns, measured.by_drift[k], C, block);
             const Square6 L = Square6(part + C).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
         }
@@ -395,12 +420,49 @@ struct Problem {
         return 6.0 * n_windows / (2.0 / 3.0 * (LAGS + 1));
     }
 
-    double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
-
     Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
     {
         Ab.leftCols(n) = Ab.leftCols(n) * scale.asDiagonal();
         return Ab;
+    }
+
+    /// A gain that all force sensors have in common scales theta, and only known payloads tell it: elsewhere it stays 0,
+    /// and its sigma is added when the body is published.
+    bool has_common_gain() const { return !settings.is_payload_known && !gains().empty(); }
+
+    /// Places of the free gains among the unknowns; none unless all are free.
+    std::vector<Eigen::Index> gains() const
+    {
+        const int first = IPE_XI_FORCE + config.n_cables(), end = first + config.n_cables();
+        std::vector<Eigen::Index> found;
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            if (free[i] >= first && free[i] < end) {
+                found.push_back(IPE_NP * n_groups + static_cast<Eigen::Index>(i));
+            }
+        }
+        return static_cast<int>(found.size()) == config.n_cables() ? found : std::vector<Eigen::Index>{};
+    }
+
+    /// What is not known of the common gain, in the gains' covariance.
+    void add_common_gain(Eigen::MatrixXd& covariance) const
+    {
+        const double std = has_common_gain() ? ipe_filter_states_common_gain_std(&config.c()) : 0.0;
+        for (const Eigen::Index i : gains()) {
+            for (const Eigen::Index j : gains()) { covariance(i, j) += std * std; }
+        }
+    }
+
+    /// The gains sum to zero.
+    Eigen::MatrixXd common_gain_row() const
+    {
+        const double std = COMMON_GAIN * config.c().std_force_gain * std::sqrt(static_cast<double>(config.n_cables()));
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(has_common_gain() ? 1 : 0, n + 1);
+        for (const Eigen::Index i : gains()) {
+            if (Ab.rows() == 0) { break; }
+            Ab(0, i) = 1.0 / std;
+            Ab(0, n) -= xi[free[static_cast<std::size_t>(i - IPE_NP * n_groups)]] / std;
+        }
+        return scaled(Ab);
     }
 
     /// Priors of theta and xi, and known mass differences.
@@ -435,8 +497,7 @@ struct Problem {
     /// Mean difference between the gyro and the change of attitude: the gyro's bias, three rows; none where it is not free.
     Eigen::MatrixXd gyro_rows(const std::vector<ipe_average_t>& window) const
     {
-        const int first = IPE_XI_FORCE + 2 * config.n_cables();
-        const auto at = std::find(free.begin(), free.end(), first);
+        const auto at = std::find(free.begin(), free.end(), static_cast<int>(IPE_XI_GYRO_BIAS));
         std::vector<Eigen::Vector3d> d;
         std::vector<ipe_average_t> kept;
         for (std::size_t k = 4; k < window.size(); ++k) {
@@ -462,6 +523,55 @@ struct Problem {
         return scaled(Ab);
     }
 
+    /// Place of systematic parameter i among the unknowns, -1: it is not free.
+    Eigen::Index place(int i) const
+    {
+        const auto at = std::find(free.begin(), free.end(), i);
+        return at == free.end() ? -1 : IPE_NP * n_groups + static_cast<Eigen::Index>(at - free.begin());
+    }
+
+    /// The accelerometer's scale: the mean of its vertical part is gravity and the change of the vertical speed, a row for
+    /// every stretch of windows without a gap. Its sigma is that of the tracked speeds, and of the attitude, which turns
+    /// horizontal acceleration into the vertical.
+    Eigen::MatrixXd gravity_rows(const std::vector<ipe_average_t>& window) const
+    {
+        const Eigen::Index scale_at = place(IPE_XI_ACC_SCALE), bias_at = place(IPE_XI_ACC_BIAS);
+        Eigen::MatrixXd Ab(0, n + 1);
+        if (scale_at < 0) { return Ab; }
+        for (std::size_t first = 0, end = 1; first < window.size(); first = end++) {
+            while (end < window.size() && follows(window, end, 1)) { ++end; }
+            if (end - first < 2 * LAGS) { continue; }
+            Ab.conservativeResize(Ab.rows() + 1, Eigen::NoChange);
+            Ab.bottomRows<1>() = gravity_row(window, first, end, scale_at, bias_at);
+        }
+        return scaled(Ab);
+    }
+
+    Eigen::RowVectorXd gravity_row(const std::vector<ipe_average_t>& window, std::size_t first, std::size_t end,
+                                   Eigen::Index scale_at, Eigen::Index bias_at) const
+    {
+        const double* q = config.c().imu_orientation;
+        const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+        const double count = static_cast<double>(end - first);
+        Eigen::Vector3d up = Eigen::Vector3d::Zero();
+        double vertical = 0.0, horizontal2 = 0.0;
+        for (std::size_t k = first; k < end; ++k) {
+            const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+            const Eigen::Vector3d force = R * Eigen::Map<const Vector3>(window[k].s);
+            up += R_PI.transpose() * R.row(2).transpose() / count;
+            vertical += force.z() / count;
+            horizontal2 += force.head<2>().squaredNorm() / count;
+        }
+        const double T = 1e-9 * static_cast<double>(window[end - 1].t_ns - window[first].t_ns);
+        const double rise = (window[end - 1].velocity[2] - window[first].velocity[2]) / T;
+        const double std = std::hypot(SPEED_STD / T, config.c().std_attitude * std::sqrt(horizontal2));
+        Eigen::RowVectorXd row = Eigen::RowVectorXd::Zero(n + 1);
+        row[scale_at] = config.c().gravity / std;
+        if (bias_at >= 0) { row.segment<3>(bias_at) = up.transpose() / std; }
+        row[n] = (vertical - config.c().gravity - rise - config.c().gravity * xi[IPE_XI_ACC_SCALE]) / std;
+        return row;
+    }
+
     /// One Gauss-Newton step. Returns its largest size in posterior sigmas.
     double step(bool is_weight_renewed)
     {
@@ -471,6 +581,8 @@ struct Problem {
         for (std::size_t r = 0; r < runs.size(); ++r) {
             Linearised run = linearise(config, corrected, runs[r], xi);
             const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            const Eigen::MatrixXd gravity =
+                runs[r].derived.force ? Eigen::MatrixXd(0, n + 1) : gravity_rows(run.window);
             gate_rest(config, run);
             const Equations measured = equations(run, runs[r], corrected);
             if (is_weight_renewed) {
@@ -479,8 +591,10 @@ struct Problem {
             note(run, r, measured);
             if (!run.window.empty()) { triangle.add(whitened(run, measured, V[r])); }
             if (gyro.rows() > 0) { triangle.add(gyro); }
+            if (gravity.rows() > 0) { triangle.add(gravity); }
         }
         triangle.add(prior());
+        if (has_common_gain()) { triangle.add(common_gain_row()); }
         const Eigen::VectorXd u = triangle.solve();
         const Eigen::MatrixXd unit = triangle.covariance();
         P = scale.asDiagonal() * unit * scale.asDiagonal();
@@ -553,6 +667,7 @@ inline BatchBody publish_body(const Problem& problem, int group)
     Eigen::Map<Covariance>(&s.prior_covariance[0][0]) = prior;
     if (!problem.free.empty()) { Eigen::Map<Covariance>(&s.spurious[0][0]) = spurious_information(problem, group); }
     if (problem.n_geometry > 0) { s.std_geometry = 0.0; }
+    if (!problem.has_common_gain()) { s.std_common_gain = 0.0; }
     BatchBody b{};
     const ipe_estimate_t e = publish(problem.config, s, &problem.prior_std_body[g], b.theta.data());
     b.theta_possible = Eigen::Map<const Theta>(e.theta);
@@ -585,6 +700,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     result.free = problem.free;
     result.prior_std = problem.scale;
     result.P = problem.P;
+    problem.add_common_gain(result.P);
     result.xi = problem.xi;
     result.xi_std = problem.std_xi;
     for (std::size_t i = 0; i < problem.free.size(); ++i) {

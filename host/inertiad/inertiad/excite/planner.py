@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+import inertiad_core
 from inertiad.base.body import NAMES, UNITS
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
@@ -18,20 +19,12 @@ from inertiad.identify.fisher_information import Model
 from inertiad.model import forward_dynamics, trajectory
 from inertiad.model.forward_dynamics import Moved
 from inertiad.model.trajectory import Motion, Moves, Trajectory
+from inertiad.robot import configuration
 
 LONGEST = 120.0
 """s, the longest motion tried for a wanted accuracy"""
 FINE_RATE = 50.0
 """Hz at which a found motion is checked against the limits"""
-
-GROUPS = (
-    ("attitude", slice(10, 13)),
-    ("world_yaw", slice(13, 14)),
-    ("acc_bias", slice(14, 17)),
-    ("imu_alignment", slice(17, 20)),
-    ("position_delay", slice(20, 21)),
-)
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -150,6 +143,11 @@ def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
     return plan
 
 
+def _declared(model: Model, name: str) -> float:
+    """The sigma of [std] behind a kind of systematic parameter."""
+    return configuration.std(model.robot)[{"attitude_bias": "attitude"}.get(name, name)]
+
+
 def _out_of_reach(model: Model, plan: Plan, wanted: Array) -> str:
     """In words: which sigma stays too large, and what keeps it there."""
     worst = int(np.argmax(plan.sigma / wanted))
@@ -157,16 +155,18 @@ def _out_of_reach(model: Model, plan: Plan, wanted: Array) -> str:
     f = Checker(model, None).tensions(motion)  # type: ignore[arg-type]  # no limits needed for tensions
     data = model.windows(motion, f, fisher_information.REHEARSAL_RATE)
     m, base = model.robot.n_cables, model.information(data)
-    groups = [*GROUPS, ("force_offset", slice(21, 21 + m)), ("force_gain", slice(21 + m, 21 + 2 * m))]
     known = {}
-    for name, columns in groups:
+    for name, first, n in inertiad_core.systematic_groups(m):
+        columns = slice(10 + first, 10 + first + n)
+        if columns.stop > len(base):
+            continue
         better = base.copy()
         better[columns, columns] += np.diag(np.full(columns.stop - columns.start, 1e18))
         known[name] = float(model.sigma(better)[worst])
     name = min(known, key=lambda key: known[key])
     return (
         f"{NAMES[worst]} stays at {plan.sigma[worst]:.3g} {UNITS[worst]} after {plan.path.duration:.0f} s, wanted "
-        f"{wanted[worst]:.3g}: what limits it is [std] {name} = {getattr(model.robot.std, name):g}: calibrate it first"
+        f"{wanted[worst]:.3g}: what limits it is [std] {name} = {_declared(model, name):g}: calibrate it first"
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from inertiad.base import table
+import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.base.quantity import forces
 from inertiad.base.table import Array
@@ -22,7 +23,7 @@ from inertiad.base.text_files import to_toml
 from inertiad.identify import fit
 from inertiad.identify.fit import Group
 from inertiad.robot import description
-from inertiad.robot.description import Robot
+from inertiad.robot.description import LeftOver, Robot
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
@@ -152,11 +153,11 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     n = len(names(robot.n_cables))
     free = np.ones(n, dtype=bool)
     result = _solve(config, recordings, payload, is_known, free)
-    n_theta = 10 * len(set(payload))
-    part = slice(n_theta, n_theta + n)
-    covariance = np.array(result["covariance"])[part, part]
-    prior_std = np.array(result["prior_std"])[part]
-    refused = np.sqrt(np.diag(covariance)) > NOT_TOLD * prior_std
+    told = np.array(result["free"], dtype=int)
+    part = slice(10 * len(set(payload)), 10 * len(set(payload)) + len(told))
+    covariance, prior_std = np.zeros((n, n)), np.maximum(inertiad_core.systematic_std(config), 1e-12)
+    covariance[np.ix_(told, told)] = np.array(result["covariance"])[part, part]
+    refused = np.sqrt(np.diag(covariance)) >= NOT_TOLD * prior_std
     directions = _unit_directions(covariance, prior_std, names(robot.n_cables))
     gains = next(g for g in fit.groups(robot.n_cables) if g.name == "force_gain")
     if _common_gain(covariance, prior_std, gains):
@@ -183,7 +184,8 @@ def _left_over(calibration: Calibration) -> dict[str, float]:
         part = slice(group.first, group.first + group.n)
         largest = float(np.linalg.eigvalsh(calibration.covariance[part, part])[-1])
         key = "attitude" if group.name == "attitude_bias" else group.name
-        result[key] = float(min(np.sqrt(largest), calibration.prior_std[part].max()))
+        if key in LeftOver.model_fields:
+            result[key] = float(min(np.sqrt(largest), calibration.prior_std[part].max()))
     return result
 
 
@@ -202,6 +204,7 @@ def document(calibration: Calibration) -> dict[str, Any]:
         .tolist(),
         "position_delay": float(old.position_delay + part["position_delay"][0]),
         "force_delay": float(old.force_delay + part["force_delay"][0]),
+        "attitude_delay": float(old.attitude_delay + part["attitude_delay"][0]),
         "force_offset": (np.array(old.force_offset or np.zeros(m)) + part["force_offset"]).tolist(),
         "force_gain": (np.array(old.force_gain or np.zeros(m)) + part["force_gain"]).tolist(),
         "not_told": [labels[i] for i in np.flatnonzero(calibration.refused)] + calibration.directions,

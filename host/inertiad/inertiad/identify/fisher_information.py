@@ -63,7 +63,8 @@ class Model:
     @cached_property
     def E(self) -> Array:
         """d(mass, cog, inertia_cog) / d(states) [10, n], states about the IMU."""
-        n_x = 10 + 11 + 2 * self.robot.n_cables
+        planned = next(first for name, first, _ in inertiad_core.systematic_groups(self.robot.n_cables) if name == "friction")
+        n_x = 10 + planned  # friction needs speeds of cables, which instants do not have
         back = -np.array(self.robot.imu.position)
         shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
         E = np.zeros((10, n_x))

@@ -44,20 +44,35 @@ class Group:
     """to the unit, from SI"""
 
 
+_UNITS: Final = {
+    "attitude_bias": ("deg", 180.0 / np.pi),
+    "world_yaw": ("deg", 180.0 / np.pi),
+    "acc_bias": ("m/s2", 1.0),
+    "imu_alignment": ("deg", 180.0 / np.pi),
+    "position_delay": ("ms", 1e3),
+    "force_delay": ("ms", 1e3),
+    "attitude_delay": ("ms", 1e3),
+    "imu_position": ("mm", 1e3),
+    "tracker_target": ("mm", 1e3),
+    "acc_scale": ("%", 100.0),
+    "gyro_scale": ("%", 100.0),
+    "gyro_bias": ("deg/s", 180.0 / np.pi),
+    "force_offset": ("N", 1.0),
+    "force_gain": ("%", 100.0),
+    "friction": ("%", 100.0),
+}
+"""unit in which people read each kind of systematic parameter, and the factor to it from SI"""
+
+
 def groups(n_cables: int) -> list[Group]:
     """The systematic parameters in the order of systematic.h."""
-    deg, m = 180.0 / np.pi, n_cables
-    return [
-        Group("attitude_bias", 0, 3, "deg", deg),
-        Group("world_yaw", 3, 1, "deg", deg),
-        Group("acc_bias", 4, 3, "m/s2", 1.0),
-        Group("imu_alignment", 7, 3, "deg", deg),
-        Group("position_delay", 10, 1, "ms", 1e3),
-        Group("force_offset", 11, m, "N", 1.0),
-        Group("force_gain", 11 + m, m, "%", 100.0),
-        Group("gyro_bias", 11 + 2 * m, 3, "deg/s", deg),
-        Group("force_delay", 14 + 2 * m, 1, "ms", 1e3),
-    ]
+    return [Group(name, first, n, *_UNITS[name]) for name, first, n in inertiad_core.systematic_groups(n_cables)]
+
+
+def indices(n_cables: int, name: str) -> slice:
+    """Where the systematic parameters of one kind are in xi."""
+    group = next(g for g in groups(n_cables) if g.name == name)
+    return slice(group.first, group.first + group.n)
 
 
 @dataclass(frozen=True)
@@ -73,7 +88,7 @@ class Estimate:
     distance: float = 0.0
     """Mahalanobis distance squared from the data's optimum to the published body"""
     xi: Array | None = None
-    """corrections [15 + 2m] to the calibration in robot.toml"""
+    """corrections [24 + 3m] to the calibration in robot.toml"""
     xi_std: Array | None = None
     n_windows: int = 0
     rms: Array = field(default_factory=lambda: np.zeros(6))
@@ -240,14 +255,25 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     windows = inertiad_core.Windows(config, rows)
     if len(windows.y) == 0:
         raise InputError(f"{run.path}: no whole window in the data")
-    e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
-    W = -windows.X(np.zeros(10))[:, :, 11 : 11 + run.robot.n_cables]
+    theta = inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
+    e = windows.y - windows.Y @ theta
+    if estimate.xi is not None:
+        linear = inertiad_core.linear_parameters(run.robot.n_cables)
+        e = e + windows.X(theta)[:, :, linear] @ estimate.xi[linear]
+    W = -windows.X(np.zeros(10))[:, :, indices(run.robot.n_cables, "force_offset")]
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
 
 
 def _quantity(value: Any, std: Any) -> dict[str, Any]:
     return {"value": value, "std": std}
+
+
+def _configured(robot: Robot, name: str) -> Any:
+    """The value that robot_config_t has for a kind of systematic parameter; None where xi is a correction to others."""
+    place = {"imu_position": robot.imu.position, "tracker_target": robot.tracker.target}
+    delays = ("position_delay", "force_delay", "attitude_delay")
+    return place.get(name) if name in place or name in delays else getattr(robot.calibration, name, None)
 
 
 def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
@@ -257,7 +283,9 @@ def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
     result = {}
     for group in groups(robot.n_cables):
         part = slice(group.first, group.first + group.n)
-        configured = getattr(robot.calibration, group.name, None)
+        configured = _configured(robot, group.name)
+        if not np.any(estimate.xi_std[part]):
+            continue
         value = estimate.xi[part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
         std = estimate.xi_std[part]
         if group.n == 1:

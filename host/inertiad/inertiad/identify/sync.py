@@ -153,8 +153,8 @@ def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float
     known = _with_delays(robot, position, (configured, FORCE_DELAY_STD))
     result = fit.joint(reader.config_of(known, str(run)), [_recording(known, run)])
     assert result.xi is not None and result.xi_std is not None
-    at = 14 + 2 * robot.n_cables
-    return configured + float(result.xi[at]), float(result.xi_std[at])
+    at = fit.indices(robot.n_cables, "force_delay")
+    return configured + float(result.xi[at][0]), float(result.xi_std[at][0])
 
 
 # ---- cost ------------------------------------------------------------------------------------------------------------
@@ -163,8 +163,9 @@ def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float
 def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Array:
     """Ten numbers of the body with delays taken as they are, shift [s] wrong: positions, forces."""
     m = run.robot.n_cables
-    free = np.ones(15 + 2 * m, dtype=bool)
-    free[[10, 14 + 2 * m]] = False
+    free = np.ones(len(inertiad_core.systematic_std(config)), dtype=bool)
+    for name in ("position_delay", "force_delay"):
+        free[fit.indices(m, name)] = False
     moved = reader.Recording(run.path, run.robot, inertiad_core.undelayed(run.rows, *shift), 0, 0, {})
     return np.array(fit.of_batch("joint", fit.batch(config, [moved], is_free=free.tolist())).body.value)
 

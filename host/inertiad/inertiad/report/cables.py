@@ -15,6 +15,7 @@ import numpy as np
 import inertiad_core
 from inertiad.base.body import Body
 from inertiad.base.table import Array
+from inertiad.identify import fit
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate
 from inertiad.robot.configuration import platform_size, prior
@@ -69,7 +70,7 @@ def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
     """Of one run's windows, with the calibration that was estimated along."""
     rows, m = run.rows, run.robot.n_cables
     if estimate.xi is not None:
-        rows = inertiad_core.undelayed(rows, estimate.xi[10], estimate.xi[14 + 2 * m])
+        rows = inertiad_core.undelayed(rows, *(float(estimate.xi[fit.indices(m, name)][0]) for name in ("position_delay", "force_delay")))
         config = inertiad_core.calibrated(config, estimate.xi)
     windows = inertiad_core.Windows(config, rows)
     e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
