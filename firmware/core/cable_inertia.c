@@ -47,9 +47,8 @@ static ipe_status_t inertia_force(const ipe_config_t* config, const ipe_average_
 
 ipe_status_t ipe_cable_inertia_add(const ipe_config_t* config, ipe_average_t* average)
 {
-    double y[IPE_NY];
+    double added[IPE_NY] = {0.0};
     if (config->gravity == 0.0) { return IPE_OK; }
-    memcpy(y, average->y, sizeof y);
     for (int i = 0; i < config->n_cables; ++i) {
         const ipe_cable_t* cable = &config->cable[i];
         double force[3], arm[3], moment[3];
@@ -57,8 +56,9 @@ ipe_status_t ipe_cable_inertia_add(const ipe_config_t* config, ipe_average_t* av
         if (inertia_force(config, average, cable, force) != IPE_OK) { return IPE_ERR_GEOMETRY; }
         vec3_axpy(cable->attachment, -1.0, config->imu_position, arm);
         vec3_cross(arm, force, moment);
-        for (int j = 0; j < 3; ++j) { y[j] += force[j], y[3 + j] += moment[j]; }
+        for (int j = 0; j < 3; ++j) { added[j] += force[j], added[3 + j] += moment[j]; }
     }
-    memcpy(average->y, y, sizeof y);
+    memcpy(average->cable_inertia, added, sizeof added);
+    for (int j = 0; j < IPE_NY; ++j) { average->y[j] += added[j]; }
     return IPE_OK;
 }

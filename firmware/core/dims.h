@@ -11,7 +11,7 @@ enum {
     IPE_NP = 10,                                  ///< inertial parameters: m, h (3), J (6)
     IPE_NY = 6,                                   ///< equations of a window: force and moment
 
-    IPE_XI_FIXED = 24,                            ///< systematic parameters that do not depend on the cables, systematic.h
+    IPE_XI_FIXED = 25,                            ///< systematic parameters that do not depend on the cables, systematic.h
     IPE_XI_MAX = IPE_XI_FIXED + 3 * IPE_CABLES_MAX,
     IPE_PATTERNS = 2,                             ///< patterns of misplaced attachments, filter_states.h
     IPE_WANDERS = 3,                              ///< states of the attitude's wander

@@ -11,6 +11,7 @@
 #define REST_WINDOWS 50  // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
 #define LEARNING_WINDOWS \
     50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
+#define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define PRIOR_INTERVAL \
     50                   // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
 
@@ -109,6 +110,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (status != IPE_OK) { return status; }
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) { ipe_noise_push(&e->noise, innovation, S); }
+    if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
     return IPE_OK;
 }
 

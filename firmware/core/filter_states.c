@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define DRIFT_INTERVAL 5.0  // s between two steps of the offsets' random walk: chosen so that it costs next to nothing
+#define IMPLAUSIBLE 3.0     // prior sigmas: one correct declaration in 400 is beyond
 #define RIDGE 1e-9          // of the trace of the wrench matrix squared, which is singular with fewer than six cables
 #define LONGEST_FADE 5.0    // correlation times, after which 0.7 % of wander is left; chosen so that exp() stays normal
 #define SMALLEST_LIFT 1e-9  // of the resultant: rounding, not a direction
@@ -35,8 +36,7 @@ static const struct {
     [IPE_BLOCK_ATTITUDE_DELAY] = {"attitude_delay", 1, 0, AS_THEY_ARE, IPE_XI_ATTITUDE_DELAY, 0, 0},
     [IPE_BLOCK_IMU_POSITION] = {"imu_position", 3, 0, AS_THEY_ARE, IPE_XI_IMU_POSITION, 0, 0},
     [IPE_BLOCK_TRACKER_TARGET] = {"tracker_target", 3, 0, AS_THEY_ARE, IPE_XI_TRACKER_TARGET, 0, 0},
-    [IPE_BLOCK_ACC_SCALE] = {"acc_scale", 1, 0, AS_THEY_ARE, IPE_XI_ACC_SCALE, 0, 0},
-    [IPE_BLOCK_GYRO_SCALE] = {"gyro_scale", 1, 0, AS_THEY_ARE, IPE_XI_GYRO_SCALE, 0, 0},
+    [IPE_BLOCK_CABLE_INERTIA] = {"cable_inertia", 1, 0, AS_THEY_ARE, IPE_XI_CABLE_INERTIA, 0, 0},
     [IPE_BLOCK_FORCE_OFFSET] = {"force_offset", 0, 1, AS_THEY_ARE, IPE_XI_FORCE, 0, 0},
     [IPE_BLOCK_FORCE_GAIN] = {"force_gain", -1, 1, ZERO_SUM, IPE_XI_FORCE, 1, 0},
     [IPE_BLOCK_FRICTION] = {"friction", 1, 0, SUMMED, IPE_XI_FORCE, 2, 0},
@@ -77,6 +77,7 @@ void ipe_filter_states_init(ipe_filter_states_t* s, const ipe_config_t* config)
 {
     memset(s, 0, sizeof *s);
     lay_out(&s->layout, config);
+    for (int b = IPE_BLOCK_THETA + 1; b < IPE_BLOCKS; ++b) { s->std[b] = prior_std(config, b); }
 }
 
 const char* ipe_filter_states_name(ipe_block_t block)
@@ -84,13 +85,26 @@ const char* ipe_filter_states_name(ipe_block_t block)
     return BLOCK[block].name;
 }
 
-void ipe_filter_states_std(const ipe_filter_layout_t* layout, const ipe_config_t* config,
-                           double std[IPE_NX_MAX - IPE_NP])
+void ipe_filter_states_std(const ipe_filter_states_t* s, double std[IPE_NX_MAX - IPE_NP])
 {
     for (int b = IPE_BLOCK_THETA + 1; b < IPE_BLOCKS; ++b) {
-        double* of_block = std + layout->first[b] - IPE_NP;
-        const double of_state = prior_std(config, b);
-        for (int i = 0; i < layout->count[b]; ++i) { of_block[i] = of_state; }
+        double* of_block = std + s->layout.first[b] - IPE_NP;
+        for (int i = 0; i < s->layout.count[b]; ++i) { of_block[i] = s->std[b]; }
+    }
+}
+
+void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
+{
+    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY, IPE_BLOCK_ATTITUDE_DELAY,
+                                           IPE_BLOCK_IMU_POSITION,   IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION};
+    for (size_t k = 0; k < sizeof of_unsure_prior / sizeof of_unsure_prior[0]; ++k) {
+        const ipe_block_t b = of_unsure_prior[k];
+        const int first = s->layout.first[b], end = first + s->layout.count[b];
+        double largest = 0.0;
+        for (int i = first; i < end; ++i) { largest = fmax(largest, fabs(rls->x[i])); }
+        if (!(largest > IMPLAUSIBLE * s->std[b])) { continue; }
+        for (int i = first; i < end; ++i) { ipe_rls_widen_prior(rls, i, s->std[b], largest); }
+        s->std[b] = largest;
     }
 }
 

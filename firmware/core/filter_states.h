@@ -2,7 +2,7 @@
 /// States of the filter on the platform, in blocks, and their equations:  y = [Y, -X, -G, -A] x + noise.
 ///
 ///   theta      10       inertial parameters about the IMU
-///   attitude .. gyro scale  up to 21  systematic errors of the sensors, a block each, systematic.h
+///   attitude .. tracker target  up to 19  systematic errors of the sensors, a block each, systematic.h
 ///   force offset m     random walk of std_force_offset_drift
 ///   force gain m - 1   gains in an orthonormal basis of those that sum to zero: the common one scales theta and is not
 ///                      observable; its sigma is added when the estimate is published, estimate.h
@@ -37,8 +37,7 @@ typedef enum {
     IPE_BLOCK_ATTITUDE_DELAY,
     IPE_BLOCK_IMU_POSITION,
     IPE_BLOCK_TRACKER_TARGET,
-    IPE_BLOCK_ACC_SCALE,
-    IPE_BLOCK_GYRO_SCALE,
+    IPE_BLOCK_CABLE_INERTIA,
     IPE_BLOCK_FORCE_OFFSET,
     IPE_BLOCK_FORCE_GAIN,
     IPE_BLOCK_FRICTION,
@@ -58,6 +57,7 @@ typedef struct {
     ipe_filter_layout_t layout;
     bool has_patterns;                             ///< chosen, from the first window
     double pattern[IPE_PATTERNS][IPE_CABLES_MAX];  ///< orthonormal; all zero until chosen
+    double std[IPE_BLOCKS];  ///< prior sigma of each block's states: as configured, or wider, ipe_filter_states_widen()
     int64_t t_ns;        ///< middle of the window that the states were last predicted to, 0: none
     int64_t drifted_ns;  ///< time up to which the force offsets have been allowed their drift
 } ipe_filter_states_t;
@@ -68,9 +68,13 @@ void ipe_filter_states_init(ipe_filter_states_t* s, const ipe_config_t* config);
 /// Name of a block: "theta", "attitude", ... Static storage.
 const char* ipe_filter_states_name(ipe_block_t block);
 
-/// One sigma [layout->n - IPE_NP] of each state after theta before any data, > 0.
-void ipe_filter_states_std(const ipe_filter_layout_t* layout, const ipe_config_t* config,
-                           double std[IPE_NX_MAX - IPE_NP]);
+/// One sigma [layout.n - IPE_NP] of each state after theta before any data, > 0.
+void ipe_filter_states_std(const ipe_filter_states_t* s, double std[IPE_NX_MAX - IPE_NP]);
+
+/// Widen the prior of a delay, place or friction that the data put beyond 3 of its sigmas: its sigma becomes that value, as
+/// if it had been from the start. Such declarations are often wrong by factors, and a Gaussian prior would pull the
+/// error into the body: forces 20 ms late under a sigma of 1 ms came out as 12 ms.
+void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls);
 
 /// Predict the states to a window whose middle is t_ns: wander decays over its correlation time and is driven; every 5 s
 /// the force offsets drift.

@@ -7,11 +7,14 @@
 
 #include <assert.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <string.h>
 
-static_assert(IPE_XI_FORCE == IPE_XI_GYRO_BIAS + 3, "the table and the numbers in systematic.h agree");
+static_assert(IPE_XI_FORCE == IPE_XI_CABLE_INERTIA + 1, "the table and the numbers in systematic.h agree");
 
 #define STEP 1e-4  // m and rad of the central differences
+
+#define CABLE_INERTIA_STD 0.5  // share: chosen so that cables without inertia, and at half their first mode, are 2 sigma off
 
 enum { PER_CABLE = 0 };
 
@@ -23,6 +26,7 @@ static const struct {
     size_t std;
 } GROUP[] = {
 #define STD(field) offsetof(ipe_config_t, field)
+#define NOT_CONFIGURED SIZE_MAX  // cable_inertia_std() has it
     {"attitude_bias", 3, false, STD(std_attitude)},
     {"world_yaw", 1, false, STD(std_world_yaw)},
     {"acc_bias", 3, false, STD(std_acc_bias)},
@@ -35,6 +39,7 @@ static const struct {
     {"acc_scale", 1, true, STD(std_acc_scale)},
     {"gyro_scale", 1, true, STD(std_gyro_scale)},
     {"gyro_bias", 3, false, STD(std_gyro_bias)},
+    {"cable_inertia", 1, false, NOT_CONFIGURED},
     {"force_offset", PER_CABLE, false, STD(std_force_offset)},
     {"force_gain", PER_CABLE, false, STD(std_force_gain)},
     {"friction", PER_CABLE, false, STD(std_friction)},
@@ -65,13 +70,22 @@ bool ipe_systematic_group(int number, int n_cables, ipe_systematic_group_t* grou
     return true;
 }
 
+/// 0 where no cable has weight.
+static double cable_inertia_std(const ipe_config_t* config)
+{
+    for (int i = 0; i < config->n_cables; ++i) {
+        if (config->cable[i].weight_per_length > 0.0) { return CABLE_INERTIA_STD; }
+    }
+    return 0.0;
+}
+
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
 {
     for (int g = 0; g < GROUPS; ++g) {
         const int count = GROUP[g].count == PER_CABLE ? config->n_cables : GROUP[g].count;
         const bool is_absent = GROUP[g].is_ahrs_only && config->attitude_estimate == IPE_ATTITUDE_FUSED;
-        double value;
-        memcpy(&value, (const char*)config + GROUP[g].std, sizeof value);
+        double value = cable_inertia_std(config);
+        if (GROUP[g].std != NOT_CONFIGURED) { memcpy(&value, (const char*)config + GROUP[g].std, sizeof value); }
         for (int i = 0; i < count; ++i) { *std++ = is_absent ? 0.0 : value; }
     }
 }
@@ -151,6 +165,7 @@ static void force_columns(const ipe_config_t* config, const ipe_average_t* a, co
             by_delay += W[j][i] * a->f_slope[i];
         }
         X[j][IPE_XI_FORCE_DELAY] = by_delay;
+        X[j][IPE_XI_CABLE_INERTIA] = a->cable_inertia[j];
     }
 }
 

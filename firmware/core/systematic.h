@@ -33,6 +33,7 @@ enum {
     IPE_XI_ACC_SCALE = 19,       ///< 1
     IPE_XI_GYRO_SCALE = 20,      ///< 1
     IPE_XI_GYRO_BIAS = 21,       ///< rad/s, I axes
+    IPE_XI_CABLE_INERTIA = 24,   ///< 1: the cables' inertia is (1 + xi) times that of cable_inertia.h
     IPE_XI_FORCE = IPE_XI_FIXED,  ///< offsets m [N], then gains m [1], then frictions m [1]
 };
 

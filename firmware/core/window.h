@@ -28,6 +28,7 @@ typedef struct {
     double s_variance[3];            ///< of s, by the accelerometer's white noise, m2/s4
     double alpha_variance[3];        ///< of alpha, by the gyro's, rad2/s4
     double y[IPE_NY];                ///< wrench, N, N m
+    double cable_inertia[IPE_NY];    ///< the cables' inertia that is in it, cable_inertia.h
     double p[3];                     ///< position of P in W, m
     double velocity[3];              ///< its slope, m/s
     double f[IPE_CABLES_MAX];        ///< tensions, N

@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-#define REST_SPEED 0.01       // m/s, below which friction fades with the speed: chosen so that a tracker's noise makes none
-#define OBSERVER_RATE 2.0     // rad/s: chosen so that a tilt of 5 mrad makes an error of 2 cm/s
+#define REST_SPEED 0.01       // m/s, below which friction fades with the speed: chosen as the error of the speeds
+#define OBSERVER_RATE 15.0    // rad/s: chosen so that a tilt of 10 mrad makes an error of 1 cm/s, as a tracker of 1 mm does
 #define OBSERVER_GAP 0.5      // s without a row after which it starts again
 
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)

@@ -91,6 +91,7 @@ constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever o
 constexpr double CONVERGED = 1e-3;   // sigmas
 constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s
+constexpr double IMPLAUSIBLE = 3.0;  // prior sigmas
 constexpr double SPEED_STD = 0.05;   // m/s, of the vertical speed's change over a run
 
 using Square6 = Eigen::Matrix<double, 6, 6>;
@@ -465,6 +466,17 @@ struct Problem {
         return scaled(Ab);
     }
 
+    /// Prior sigma of xi i: as configured, or, as on the platform, the value itself where a delay, place or friction lies
+    /// beyond 3 of those (ipe_filter_states_widen()).
+    double prior_std(int i) const
+    {
+        const bool is_delay = i >= IPE_XI_POSITION_DELAY && i <= IPE_XI_ATTITUDE_DELAY;
+        const bool is_place = i >= IPE_XI_IMU_POSITION && i < IPE_XI_ACC_SCALE;
+        const bool is_friction = i >= IPE_XI_FORCE + 2 * config.n_cables();
+        const bool is_unsure = is_delay || is_place || is_friction;
+        return is_unsure && std::abs(xi[i]) > IMPLAUSIBLE * std_xi[i] ? std::abs(xi[i]) : std_xi[i];
+    }
+
     /// Priors of theta and xi, and known mass differences.
     Eigen::MatrixXd prior() const
     {
@@ -477,8 +489,9 @@ struct Problem {
         }
         for (std::size_t i = 0; i < free.size(); ++i) {
             const Eigen::Index row = IPE_NP * n_groups + static_cast<Eigen::Index>(i);
-            Ab(row, row) = 1.0 / std_xi[free[i]];
-            Ab(row, n) = -xi[free[i]] / std_xi[free[i]];
+            const double std = prior_std(free[i]);
+            Ab(row, row) = 1.0 / std;
+            Ab(row, n) = -xi[free[i]] / std;
         }
         for (int i = 0; i < n_geometry; ++i) {
             Ab(at_geometry + i, at_geometry + i) = 1.0 / scale[at_geometry + i];

@@ -57,6 +57,7 @@ _UNITS: Final = {
     "acc_scale": ("%", 100.0),
     "gyro_scale": ("%", 100.0),
     "gyro_bias": ("deg/s", 180.0 / np.pi),
+    "cable_inertia": ("%", 100.0),
     "force_offset": ("N", 1.0),
     "force_gain": ("%", 100.0),
     "friction": ("%", 100.0),
