@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define TWO_PI 6.283185307179586
+#define SQRT_2 1.4142135623730951
 
 static ipe_status_t point_line(const ipe_cable_t* cable, const double d[3], ipe_cable_line_t* line)
 {
@@ -55,4 +56,10 @@ void ipe_cable_sag(const ipe_cable_t* cable, const ipe_cable_line_t* line, doubl
     const double along = (cable->force_at == IPE_FORCE_AT_WINCH ? -half_weight : half_weight) * line->u[2];
     for (int i = 0; i < 3; ++i) { force[i] = along * line->u[i]; }
     force[2] -= half_weight;
+}
+
+double ipe_cable_friction_share(const ipe_cable_t* cable, const ipe_cable_line_t* line)
+{
+    const bool is_behind = cable->force_at == IPE_FORCE_AT_WINCH && cable->pulley_radius > 0.0;
+    return is_behind ? SQRT_2 * sin(0.5 * line->wrap) : 1.0;
 }

@@ -7,7 +7,8 @@
 #include <string.h>
 
 #define DRIFT_INTERVAL 5.0  // s between two steps of the offsets' random walk: chosen so that it costs next to nothing
-#define IMPLAUSIBLE 3.0     // prior sigmas: one correct declaration in 400 is beyond
+#define IMPLAUSIBLE 3.0     // sigmas: one correct declaration in 400 is beyond
+#define LEAST_TOLD 0.01     // of the prior's variance: chosen so that the model's own errors do not pass for a state
 #define RIDGE 1e-9          // of the trace of the wrench matrix squared, which is singular with fewer than six cables
 #define LONGEST_FADE 5.0    // correlation times, after which 0.7 % of wander is left; chosen so that exp() stays normal
 #define SMALLEST_LIFT 1e-9  // of the resultant: rounding, not a direction
@@ -93,6 +94,15 @@ void ipe_filter_states_std(const ipe_filter_states_t* s, double std[IPE_NX_MAX -
     }
 }
 
+/// What the data alone say of state i, if its prior 0 +- std makes that implausible, else 0. Under the prior the estimate x
+/// has the variance std^2 - P, and without it x std^2/(std^2 - P) would be the estimate.
+static double implausible_value(const ipe_rls_t* rls, int i, double std)
+{
+    const double x = rls->x[i], told = std * std - ipe_rls_covariance_of(rls, i, i);
+    const bool is_told = told > LEAST_TOLD * std * std;
+    return is_told && x * x > IMPLAUSIBLE * IMPLAUSIBLE * told ? fabs(x) * std * std / told : 0.0;
+}
+
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
 {
     const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY, IPE_BLOCK_ATTITUDE_DELAY,
@@ -100,11 +110,11 @@ void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
     for (size_t k = 0; k < sizeof of_unsure_prior / sizeof of_unsure_prior[0]; ++k) {
         const ipe_block_t b = of_unsure_prior[k];
         const int first = s->layout.first[b], end = first + s->layout.count[b];
-        double largest = 0.0;
-        for (int i = first; i < end; ++i) { largest = fmax(largest, fabs(rls->x[i])); }
-        if (!(largest > IMPLAUSIBLE * s->std[b])) { continue; }
-        for (int i = first; i < end; ++i) { ipe_rls_widen_prior(rls, i, s->std[b], largest); }
-        s->std[b] = largest;
+        double wider = 0.0;
+        for (int i = first; i < end; ++i) { wider = fmax(wider, implausible_value(rls, i, s->std[b])); }
+        if (wider <= s->std[b]) { continue; }
+        for (int i = first; i < end; ++i) { ipe_rls_widen_prior(rls, i, s->std[b], wider); }
+        s->std[b] = wider;
     }
 }
 

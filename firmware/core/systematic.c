@@ -151,17 +151,31 @@ static void pose_columns(const ipe_config_t* config, const ipe_average_t* a, dou
     }
 }
 
+static void friction_shares(const ipe_config_t* config, const ipe_average_t* a, double share[IPE_CABLES_MAX])
+{
+    for (int i = 0; i < config->n_cables; ++i) {
+        double b[3], B[3];
+        ipe_cable_line_t line;
+        mat3_mul_vec(a->R, config->cable[i].attachment, b);
+        vec3_axpy(a->p, 1.0, b, B);
+        const bool has_line = ipe_cable_line(&config->cable[i], B, &line) == IPE_OK;
+        share[i] = has_line ? ipe_cable_friction_share(&config->cable[i], &line) : 0.0;
+    }
+}
+
 static void force_columns(const ipe_config_t* config, const ipe_average_t* a, const double W[IPE_NY][IPE_CABLES_MAX],
                           double X[IPE_NY][IPE_XI_MAX])
 {
     const int m = config->n_cables;
+    double share[IPE_CABLES_MAX];
+    friction_shares(config, a, share);
     for (int j = 0; j < IPE_NY; ++j) {
         double by_delay = 0.0;
         for (int i = 0; i < m; ++i) {
             const double per_newton = W[j][i] / (1.0 + config->force_gain[i]);
             X[j][IPE_XI_FORCE + i] = -per_newton;
             X[j][IPE_XI_FORCE + m + i] = -per_newton * a->f[i];
-            X[j][IPE_XI_FORCE + 2 * m + i] = W[j][i] * a->friction[i];
+            X[j][IPE_XI_FORCE + 2 * m + i] = W[j][i] * share[i] * a->friction[i];
             by_delay += W[j][i] * a->f_slope[i];
         }
         X[j][IPE_XI_FORCE_DELAY] = by_delay;

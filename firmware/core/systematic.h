@@ -9,7 +9,8 @@
 ///   IMU position                    moves the place that s belongs to: s(reference) = s - ([alpha]x + [w]x[w]x) xi;
 ///                                   theta and the wrench stay about the configured place
 ///   force offset, gain, delay       change the tensions
-///   friction, one of each cable     tension at the platform = measured (1 + xi sgn(cable speed)), window.h
+///   friction, one of each cable     tension at the platform = measured (1 + xi share z), z = sgn(cable travel), wrench.h,
+///                                   share of the pulley's wrap, cable.h
 /// The wrench's part is taken at the pose, tensions and slopes of the window's middle, its derivative with respect to pose
 /// by central differences of the wrench matrix; Y's part is exact.
 /// Source: firmware/DESIGN.md, "Systematic parameters". No state, any thread, about 5 us per window of 8 cables.

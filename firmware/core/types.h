@@ -83,7 +83,7 @@ typedef struct {
 typedef struct {
     double y[IPE_NY];
     double f[IPE_CABLES_MAX];  ///< the tensions at the platform it was made from, calibrated, N
-    double friction[IPE_CABLES_MAX];  ///< f sgn(cable speed), smoothed near rest, N: what a friction of 1 adds to f
+    double friction[IPE_CABLES_MAX];  ///< f sgn(cable travel), N: what a friction of 1 adds to f
 } ipe_wrench_t;
 
 #endif

@@ -7,6 +7,7 @@
 
 #define REST_SPEED 0.01       // m/s, below which friction fades with the speed: chosen as the error of the speeds
 #define OBSERVER_RATE 15.0    // rad/s: chosen so that a tilt of 10 mrad makes an error of 1 cm/s, as a tracker of 1 mm does
+#define REACH 2e-3            // m of travel over which friction turns: chosen as measured on steel cables on pulleys
 #define OBSERVER_GAP 0.5      // s without a row after which it starts again
 
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)
@@ -50,8 +51,9 @@ static void motion_from_row(const ipe_wrench_stage_t* w, const ipe_row_t* row, i
     vec3_axpy(row->position, -1.0, lever, motion->p);
 }
 
-/// Velocity of P: an observer of the IMU point's place, driven by its acceleration, critically damped.
-static void observe_velocity(ipe_wrench_stage_t* w, int64_t t_ns, ipe_motion_t* motion)
+/// Velocity of P: an observer of the IMU point's place, driven by its acceleration, critically damped. Returns the time
+/// since the last row, s, 0 at a start.
+static double observe_velocity(ipe_wrench_stage_t* w, int64_t t_ns, ipe_motion_t* motion)
 {
     const double* imu = w->config->imu_position;
     const double dt = 1e-9 * (double)(t_ns - w->observed.t_ns);
@@ -73,6 +75,7 @@ static void observe_velocity(ipe_wrench_stage_t* w, int64_t t_ns, ipe_motion_t* 
     vec3_cross(motion->w, imu, arm);
     mat3_mul_vec((const double (*)[3])motion->R, arm, turned);
     vec3_axpy(w->observed.v, -1.0, turned, motion->v);
+    return is_new ? 0.0 : dt;
 }
 
 /// Wrench of a force in P axes at attachment, about point.
@@ -108,18 +111,21 @@ ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], co
     return IPE_OK;
 }
 
-/// Tensions with the sign of the cables' speeds, smoothed near rest; the first three rows of W are the cables' directions.
-static void friction_of(const ipe_config_t* k, const ipe_motion_t* motion, const double W[IPE_NY][IPE_CABLES_MAX],
+/// Tensions with the sign of the cables' travel; the first three rows of W are the cables' directions.
+static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion, const double W[IPE_NY][IPE_CABLES_MAX],
                         ipe_wrench_t* wrench)
 {
+    const ipe_config_t* k = w->config;
     double v[3];
     mat3_tmul_vec((const double (*)[3])motion->R, motion->v, v);
     for (int i = 0; i < k->n_cables; ++i) {
         double turning[3];
         vec3_cross(motion->w, k->cable[i].attachment, turning);
         const double speed = -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
-        const double x = speed / REST_SPEED;
-        wrench->friction[i] = wrench->f[i] * x / sqrt(1.0 + x * x);
+        const double square = speed * speed, moving = square / (square + REST_SPEED * REST_SPEED);
+        const double travel = fabs(speed) * dt * moving;
+        w->friction[i] += travel / (travel + REACH) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);
+        wrench->friction[i] = wrench->f[i] * w->friction[i];
     }
 }
 
@@ -139,7 +145,7 @@ ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ip
 {
     const ipe_config_t* k = w->config;
     motion_from_row(w, row, motion);
-    observe_velocity(w, row->t_ns, motion);
+    const double dt = observe_velocity(w, row->t_ns, motion);
     double W[IPE_NY][IPE_CABLES_MAX];
     double* f = wrench->f;
     if (ipe_wrench_matrix(k, motion->p, motion->R, k->imu_position, W, wrench->y) != IPE_OK) {
@@ -150,7 +156,7 @@ ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ip
         f[i] = (row->f[i] - k->force_offset[i]) / (1.0 + k->force_gain[i]);
         for (int j = 0; j < IPE_NY; ++j) { wrench->y[j] += W[j][i] * f[i]; }
     }
-    friction_of(k, motion, (const double (*)[IPE_CABLES_MAX])W, wrench);
+    friction_of(w, dt, motion, (const double (*)[IPE_CABLES_MAX])W, wrench);
     count_limits(w, f);
     ++w->n_rows;
     return IPE_OK;

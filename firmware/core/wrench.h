@@ -5,7 +5,8 @@
 ///   s = R_PI (acc - acc_bias)        w = R_PI (gyro - gyro_bias)
 ///   f_i = (measured_i - offset_i)/(1 + gain_i)
 ///   F = sum R^T (f_i u_i + sag_i)    tau = sum (b_i - p_I) x R^T (f_i u_i + sag_i)
-///   friction_i = f_i x/sqrt(1 + x^2),  x = l_i'/(1 cm/s),  l_i' = -u_i . (v + R (w x b_i))
+///   friction_i = f_i z_i,  z_i -> sgn(l_i') over 2 mm of travel (Dahl), l_i' = -u_i . (v + R (w x b_i)): speeds below
+///                1 cm/s do not count as travel, so that at rest z_i stays
 /// R comes out turned by w delay_attitude. v is that of an observer of p, driven by the acceleration, of 15 rad/s.
 /// Source: firmware/DESIGN.md, "Wrench". 2 KB of state, about 0.5 us for 8 cables, one thread.
 #ifndef IPE_WRENCH_H
@@ -24,6 +25,7 @@ typedef struct {
         int64_t t_ns;         ///< of the last row, 0: none yet
         double p[3], v[3];    ///< of the IMU point, W
     } observed;
+    double friction[IPE_CABLES_MAX];  ///< z_i, -1 .. 1: 1 while the cable is paid out
 
     uint64_t n_rows;          ///< rows turned into a wrench
     uint64_t n_geometry;      ///< rows refused: a cable without direction

@@ -91,7 +91,8 @@ constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever o
 constexpr double CONVERGED = 1e-3;   // sigmas
 constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s
-constexpr double IMPLAUSIBLE = 3.0;  // prior sigmas
+constexpr double IMPLAUSIBLE = 3.0;  // sigmas
+constexpr double LEAST_TOLD = 0.01;  // of a prior's variance
 constexpr double SPEED_STD = 0.05;   // m/s, of the vertical speed's change over a run
 
 using Square6 = Eigen::Matrix<double, 6, 6>;
@@ -296,6 +297,7 @@ struct Problem {
         set_prior();
         scale.tail(n_geometry).setConstant(config.c().std_geometry);
         xi = Eigen::VectorXd::Zero(n_xi);
+        used_std = std_xi;
         eiv_correction.resize(runs.size());
         V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
     }
@@ -466,15 +468,20 @@ struct Problem {
         return scaled(Ab);
     }
 
-    /// Prior sigma of xi i: as configured, or, as on the platform, the value itself where a delay, place or friction lies
-    /// beyond 3 of those (ipe_filter_states_widen()).
+    /// Prior sigma of xi i for the next step: as in the last, or, as on the platform, what the data alone say where the
+    /// prior makes the estimate of a delay, place or friction implausible (ipe_filter_states_widen()).
     double prior_std(int i) const
     {
         const bool is_delay = i >= IPE_XI_POSITION_DELAY && i <= IPE_XI_ATTITUDE_DELAY;
         const bool is_place = i >= IPE_XI_IMU_POSITION && i < IPE_XI_ACC_SCALE;
         const bool is_friction = i >= IPE_XI_FORCE + 2 * config.n_cables();
         const bool is_unsure = is_delay || is_place || is_friction;
-        return is_unsure && std::abs(xi[i]) > IMPLAUSIBLE * std_xi[i] ? std::abs(xi[i]) : std_xi[i];
+        const Eigen::Index at = place(i);
+        if (!is_unsure || P.size() == 0 || at < 0) { return std_xi[i]; }
+        const double variance = used_std[i] * used_std[i], told = variance - P(at, at);
+        const bool is_told = told > LEAST_TOLD * variance;
+        const bool is_implausible = is_told && xi[i] * xi[i] > IMPLAUSIBLE * IMPLAUSIBLE * told;
+        return is_implausible ? std::abs(xi[i]) * variance / told : used_std[i];
     }
 
     /// Priors of theta and xi, and known mass differences.
@@ -489,7 +496,7 @@ struct Problem {
         }
         for (std::size_t i = 0; i < free.size(); ++i) {
             const Eigen::Index row = IPE_NP * n_groups + static_cast<Eigen::Index>(i);
-            const double std = prior_std(free[i]);
+            const double std = used_std[free[i]];
             Ab(row, row) = 1.0 / std;
             Ab(row, n) = -xi[free[i]] / std;
         }
@@ -606,6 +613,7 @@ struct Problem {
             if (gyro.rows() > 0) { triangle.add(gyro); }
             if (gravity.rows() > 0) { triangle.add(gravity); }
         }
+        for (const int i : free) { used_std[i] = prior_std(i); }
         triangle.add(prior());
         if (has_common_gain()) { triangle.add(common_gain_row()); }
         const Eigen::VectorXd u = triangle.solve();
@@ -645,7 +653,7 @@ struct Problem {
     const BatchSettings& settings;
     int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
     std::vector<int> free;
-    Eigen::VectorXd std_xi, scale, xi, geometry;
+    Eigen::VectorXd std_xi, used_std, scale, xi, geometry;
     std::vector<Theta> prior_mean, theta;
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
