@@ -6,7 +6,7 @@
 #include <string.h>
 
 #define TWO_PI 6.283185307179586
-#define SQRT_2 1.4142135623730951
+#define QUARTER_TURN (0.25 * TWO_PI)
 
 static ipe_status_t point_line(const ipe_cable_t* cable, const double d[3], ipe_cable_line_t* line)
 {
@@ -61,5 +61,5 @@ void ipe_cable_sag(const ipe_cable_t* cable, const ipe_cable_line_t* line, doubl
 double ipe_cable_friction_share(const ipe_cable_t* cable, const ipe_cable_line_t* line)
 {
     const bool is_behind = cable->force_at == IPE_FORCE_AT_WINCH && cable->pulley_radius > 0.0;
-    return is_behind ? SQRT_2 * sin(0.5 * line->wrap) : 1.0;
+    return is_behind ? line->wrap / QUARTER_TURN : 1.0;
 }

@@ -34,8 +34,8 @@ ipe_status_t ipe_cable_line(const ipe_cable_t* cable, const double B[3], ipe_cab
 /// Force of the cable's own weight on the platform beside the measured tension along u, W, N.
 void ipe_cable_sag(const ipe_cable_t* cable, const ipe_cable_line_t* line, double force[3]);
 
-/// Share of a pulley's friction that a cable's wrap makes, 1 at a quarter turn: bearing and rope friction go with the force
-/// on the pulley, 2 f sin(wrap/2). 1 where the force sensor does not lie behind a pulley of known radius.
+/// Share of a pulley's friction that a cable's wrap makes: in quarter turns, since rope on a pulley loses tension in
+/// proportion to its wrap (capstan). 1 where the force sensor does not lie behind a pulley of known radius.
 double ipe_cable_friction_share(const ipe_cable_t* cable, const ipe_cable_line_t* line);
 
 #endif

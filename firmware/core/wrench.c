@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-#define REST_SPEED 0.01       // m/s, below which friction fades with the speed: chosen as the error of the speeds
-#define OBSERVER_RATE 15.0    // rad/s: chosen so that a tilt of 10 mrad makes an error of 1 cm/s, as a tracker of 1 mm does
+#define REST_SPEED 0.015       // m/s, below which friction fades with the speed: chosen as the error of the speeds
+#define OBSERVER_RATE 60.0    // rad/s: chosen so that a tilt of 10 mrad makes an error of 3 mm/s
 #define REACH 2e-3            // m of travel over which friction turns: chosen as measured on steel cables on pulleys
 #define OBSERVER_GAP 0.5      // s without a row after which it starts again
 
