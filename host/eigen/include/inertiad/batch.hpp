@@ -92,6 +92,7 @@ constexpr double CONVERGED = 1e-3;   // sigmas
 constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s
 constexpr double IMPLAUSIBLE = 3.0;  // sigmas
+constexpr int STEPS_BEFORE_WIDENING = 2;  // the noise is known from then on
 constexpr double LEAST_TOLD = 0.01;  // of a prior's variance
 constexpr double SPEED_STD = 0.05;   // m/s, of the vertical speed's change over a run
 
@@ -484,6 +485,15 @@ struct Problem {
         return is_implausible ? std::abs(xi[i]) * variance / told : used_std[i];
     }
 
+    void widen_priors()
+    {
+        for (const int i : free) {
+            const double std = prior_std(i);
+            if (std > used_std[i]) { widened_at = n_steps; }
+            used_std[i] = std::max(std, used_std[i]);
+        }
+    }
+
     /// Priors of theta and xi, and known mass differences.
     Eigen::MatrixXd prior() const
     {
@@ -613,7 +623,7 @@ struct Problem {
             if (gyro.rows() > 0) { triangle.add(gyro); }
             if (gravity.rows() > 0) { triangle.add(gravity); }
         }
-        for (const int i : free) { used_std[i] = prior_std(i); }
+        if (++n_steps > STEPS_BEFORE_WIDENING) { widen_priors(); }
         triangle.add(prior());
         if (has_common_gain()) { triangle.add(common_gain_row()); }
         const Eigen::VectorXd u = triangle.solve();
@@ -653,6 +663,7 @@ struct Problem {
     const BatchSettings& settings;
     int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
     std::vector<int> free;
+    int n_steps = 0, widened_at = 0;  ///< steps taken; the last that began with wider priors
     Eigen::VectorXd std_xi, used_std, scale, xi, geometry;
     std::vector<Theta> prior_mean, theta;
     std::vector<Eigen::MatrixXd> prior_rows;
@@ -709,9 +720,10 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     BatchResult result{};
     for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
         const int step = result.n_steps;
-        result.last_step = problem.step(step > 1 && step <= 1 + settings.n_weight_steps);
+        const int n_weight_steps = settings.n_weight_steps + (settings.n_weight_steps > 0 ? problem.widened_at : 0);
+        result.last_step = problem.step(step > 1 && step <= 1 + n_weight_steps);
         if (!std::isfinite(result.last_step)) { throw std::domain_error("the equations have no finite solution"); }
-        if (step > settings.n_weight_steps && result.last_step < detail::CONVERGED) { break; }
+        if (step > n_weight_steps && step > problem.widened_at && result.last_step < detail::CONVERGED) { break; }
     }
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
