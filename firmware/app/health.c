@@ -7,6 +7,8 @@
 #include <inttypes.h>
 #include <stdio.h>
 
+static const uint64_t NS_PER_US = 1000;
+
 static void count_buses(daemon_t* d)
 {
     char stage[16];
@@ -42,6 +44,9 @@ void health_count_input(daemon_t* d)
     }
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "silences", d->presence[s].n_lost);
+        if (s == IPE_IMU) { continue; }
+        ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "lateness_max_us",
+                         (uint64_t)d->lateness[s].worst_ns / NS_PER_US);
     }
 }
 
@@ -125,9 +130,8 @@ void health_carried(daemon_t* d, const ipe_pipeline_t* p)
 
 static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
 {
-    const ipe_ring_t* ring = &d->pipeline->align.ring[sensor];
-    if (ring->head == ring->first) { return -1.0; }
-    return (double)(now_ns - ring->t_ns[(ring->head - 1) % IPE_RING]) / (double)NS_PER_S;
+    const int64_t newest_ns = daemon_newest_sample(d, sensor);
+    return newest_ns == 0 ? -1.0 : (double)(now_ns - newest_ns) / (double)NS_PER_S;
 }
 
 void health_send(daemon_t* d, int64_t now_ns)
@@ -156,17 +160,30 @@ static void print_latency(const char* name, const ipe_histogram_t* h)
                 1e6 * ipe_histogram_quantile(h, 0.999), 1e6 * ipe_histogram_quantile(h, 1.0));
 }
 
+void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text, size_t size)
+{
+    const ipe_lateness_t* l = &d->lateness[sensor];
+    const double advice = ipe_lateness_advice(l);
+    const int n = snprintf(text, size, "samples arrive up to %.2f s late; rows wait %.2f s: ",
+                           (double)l->worst_ns / (double)NS_PER_S, d->config.max_wait);
+    if (n < 0 || (size_t)n >= size) { return; }
+    if (advice <= IPE_MAX_WAIT) {
+        (void)snprintf(text + n, size - (size_t)n, "raise align.max_wait to at least %.2f", advice);
+    } else {
+        (void)snprintf(text + n, size - (size_t)n, "align.max_wait can be at most %g; deliver the samples sooner",
+                       IPE_MAX_WAIT);
+    }
+}
+
 void health_print(const daemon_t* d)
 {
+    char text[REASON_SIZE];
     ipe_counters_print(&d->counters);
     print_latency("decoded", &d->decoded);
     print_latency("estimate", &d->estimated);
-}
-
-void health_advance(daemon_t* d, int64_t t_ns)
-{
-    d->data_ns = t_ns;
-    if (t_ns < d->health_due_ns && t_ns >= d->health_due_ns - NS_PER_S) { return; }
-    if (d->health_due_ns != 0) { health_send(d, t_ns); }
-    d->health_due_ns = t_ns + NS_PER_S;
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        if (d->lateness[s].needed_ns == 0) { continue; }
+        health_describe_lateness(d, (ipe_sensor_t)s, text, sizeof text);
+        ipe_message("%s: %s", health_sensor_name((ipe_sensor_t)s), text);
+    }
 }

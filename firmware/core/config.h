@@ -48,6 +48,8 @@ typedef struct {
     int64_t mux_value;
 } ipe_signal_t;
 
+#define IPE_MAX_WAIT 10.0  // s, largest max_wait
+
 typedef enum { IPE_ATTITUDE_QUATERNION = 1, IPE_ATTITUDE_RPY = 2 } ipe_attitude_source_t;
 /// Whose attitude is used: the AHRS's, or the motion stage's own of gyro, accelerometer and tracked position.
 typedef enum { IPE_ATTITUDE_AHRS = 0, IPE_ATTITUDE_FUSED = 1 } ipe_attitude_estimate_t;

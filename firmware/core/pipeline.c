@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-static_assert(sizeof(ipe_pipeline_t) <= 512 * 1024, "the state's budget in firmware/DESIGN.md");
+static_assert(sizeof(ipe_pipeline_t) <= IPE_STATE_MAX, "the state's budget in dims.h");
 
 ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, char* message, size_t size)
 {
@@ -91,7 +91,8 @@ static bool clocks_are_settled(const ipe_pipeline_t* p, int64_t t_ns)
 {
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         const ipe_clock_t* c = &p->clock[s];
-        if (c->is_started && (!c->is_settled || t_ns < c->settled_ns)) { return false; }
+        const int64_t settled_ns = c->settled_ns - p->align.delay_ns[s];  // a stamp -> the measured instant
+        if (c->is_started && (!c->is_settled || t_ns < settled_ns)) { return false; }
     }
     return true;
 }

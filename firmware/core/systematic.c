@@ -8,11 +8,12 @@
 #include <assert.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 
 static_assert(IPE_XI_FORCE == IPE_XI_CABLE_INERTIA + 1, "the table and the numbers in systematic.h agree");
 
-#define STEP 1e-4  // m and rad of the central differences
+#define STEP 1e-4  // m and rad of the central differences: error 1e-8 relative by truncation, 1e-11 by rounding
 
 #define CABLE_INERTIA_STD 0.5  // share: chosen so that cables without inertia, and at half their first mode, are 2 sigma off
 
@@ -68,6 +69,20 @@ bool ipe_systematic_group(int number, int n_cables, ipe_systematic_group_t* grou
     }
     group->name = GROUP[number].name;
     return true;
+}
+
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX])
+{
+    ipe_systematic_group_t group = {"", 0, 0};
+    for (int g = 0; ipe_systematic_group(g, n_cables, &group) && index >= group.first + group.count; ++g) {}
+    const int i = index - group.first;
+    if (group.first >= IPE_XI_FORCE) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%d", group.name, (i + 1) % 100);
+    } else if (group.count == 3) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%c", group.name, "xyz"[i % 3]);
+    } else {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s", group.name);
+    }
 }
 
 /// 0 where no cable has weight.

@@ -13,7 +13,7 @@
 ///                                   share of the pulley's wrap, cable.h
 /// The wrench's part is taken at the pose, tensions and slopes of the window's middle, its derivative with respect to pose
 /// by central differences of the wrench matrix; Y's part is exact.
-/// Source: firmware/DESIGN.md, "Systematic parameters". No state, any thread, about 5 us per window of 8 cables.
+/// Source: firmware/DESIGN.md, "States". No state, any thread, about 5 us per window of 8 cables.
 #ifndef IPE_SYSTEMATIC_H
 #define IPE_SYSTEMATIC_H
 
@@ -52,6 +52,11 @@ int ipe_systematic_planned_count(int n_cables);
 
 /// The group by its number, in the order of xi. False past the last.
 bool ipe_systematic_group(int number, int n_cables, ipe_systematic_group_t* group);
+
+/// Write the name of parameter index of a robot with n_cables into name: "acc_bias_x", "force_offset_3". Index below
+/// ipe_systematic_count(n_cables).
+enum { IPE_SYSTEMATIC_NAME_MAX = 24 };
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX]);
 
 /// One sigma [ipe_systematic_count()] of each, from the configuration's std_*; 0: known, or not a parameter of this robot.
 /// With the fused attitude the motion stage has the scales and there is no attitude delay.

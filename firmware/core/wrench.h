@@ -8,7 +8,7 @@
 ///   friction_i = f_i z_i,  z_i -> sgn(l_i') over 2 mm of travel (Dahl), l_i' = -u_i . (v + R (w x b_i)): speeds below
 ///                1.5 cm/s do not count as travel, so that at rest z_i stays
 /// R comes out turned by w delay_attitude. v is that of an observer of p, driven by the acceleration, of 60 rad/s.
-/// Source: firmware/DESIGN.md, "Wrench". 2 KB of state, about 0.5 us for 8 cables, one thread.
+/// Source: firmware/DESIGN.md, "Cables". 2 KB of state, about 0.5 us for 8 cables, one thread.
 #ifndef IPE_WRENCH_H
 #define IPE_WRENCH_H
 

@@ -570,7 +570,7 @@ static void test_step_without_forces_gives_rows_up_and_says_so(void)
         TEST_ASSERT_EQUAL_INT(0, drain(&pipeline));  // when, then
     }
     TEST_ASSERT_EQUAL_UINT64(0, counter("align.rows"));
-    TEST_ASSERT_EQUAL_UINT64(949, counter("align.force.late"));
+    TEST_ASSERT_EQUAL_UINT64(849, counter("align.force.late"));
     assert_counters_add_up();
 }
 

@@ -71,6 +71,31 @@ nb::tuple wrench_matrix(const inertiad::Config& config, const InN3& p, const InN
     return nb::make_tuple(W.release(), sag.release());
 }
 
+/// What the cables' inertia adds to the wrench of windows that saw nothing but one instant each.
+nb::ndarray<nb::numpy, double> cable_inertia(const inertiad::Config& config, const InN3& s, const InN3& w,
+                                             const InN3& alpha, const InN3& p, const InN33& R)
+{
+    const std::size_t n = s.shape(0);
+    require_rows(n, w.shape(0), "w");
+    require_rows(n, alpha.shape(0), "alpha");
+    require_rows(n, p.shape(0), "p");
+    require_rows(n, R.shape(0), "R");
+    Out<2> wrench({n, 6});
+    for (std::size_t k = 0; k < n; ++k) {
+        ipe_average_t average{};
+        std::copy_n(s.data() + 3 * k, 3, average.s);
+        std::copy_n(alpha.data() + 3 * k, 3, average.alpha);
+        std::copy_n(p.data() + 3 * k, 3, average.p);
+        std::copy_n(R.data() + 9 * k, 9, &average.R[0][0]);
+        ipe_rate_products(w.data() + 3 * k, average.ww);
+        if (ipe_cable_inertia_add(&config.c(), &average) != IPE_OK) {
+            throw std::domain_error("a cable has no direction in sample " + std::to_string(k));
+        }
+        std::copy_n(average.cable_inertia, 6, wrench.data + 6 * k);
+    }
+    return wrench.release();
+}
+
 nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN3& alpha)
 {
     const std::size_t n = s.shape(0);
@@ -424,6 +449,8 @@ NB_MODULE(inertiad_core, m)
           "(W [N,6,m], sag [N,6]) with wrench = W f + sag about the body point [3], P axes. wrench.h");
     m.def("regressor", &regressor, "s"_a, "w"_a, "alpha"_a,
           "Y [N,6,10] from specific force, rate and angular acceleration [N,3] at the reference point. regressor.h");
+    m.def("cable_inertia", &cable_inertia, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "R"_a,
+          "Wrench [N,6] at the IMU, P axes, of the cables' own inertia in motions of the IMU point. cable_inertia.h");
     m.def("shift", &inertiad::shift, "theta"_a, "d"_a, "theta [10] about the point (old - d [3]). body.h");
     m.def(
         "body",
@@ -507,11 +534,21 @@ NB_MODULE(inertiad_core, m)
             "step",
             [](OwnedPipeline& p) {
                 ipe_row_t row;
-                return int(p.view.step(row));
+                const int status = p.view.step(row);
+                if (status == IPE_OK || status == IPE_IGNORED) { p.rows.push_back(row); }
+                return status;
             },
-            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
+            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused. A used row is kept for Windows.")
         .def("drain", &OwnedPipeline::drain, "Step until no row is ready; the rows are kept for Windows.")
         .def("flush", [](OwnedPipeline& p) { p.view.flush(); })
+        .def(
+            "freeze", [](OwnedPipeline& p, bool is_frozen) { p.view.freeze(is_frozen); }, "is_frozen"_a,
+            "Stop learning from windows, or resume it.")
+        .def(
+            "reset", [](OwnedPipeline& p) { p.view.reset(); }, "Start the estimator again from its prior.")
+        .def(
+            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); }, "bias"_a,
+            "Use this gyro bias [3], I axes, rad/s, from the next row on.")
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 

@@ -145,7 +145,7 @@ class Model:
         Median over N_REHEARSALS of the core's filter on the planned equations with errors drawn from [std].
         """
         H, length = self.windows(motion, f, rate), self.robot.estimator.window_length
-        hop, n_xi, s = 0.25 * length, H.shape[2] - 10, specific_force(motion, self.robot)
+        hop, n_xi, s = 0.25 * length, H.shape[2] - 10, self._specific_force(motion)
         middle = np.rint((0.5 * length + hop * np.arange(len(H))) * rate).astype(int)
         middle = np.minimum(middle, len(f) - 1)
         centre = Motion(*(getattr(motion, name)[middle] for name in ("p", "v", "a", "R", "omega", "alpha")))

@@ -1,0 +1,429 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The unknowns of a batch and one Gauss-Newton step.
+#pragma once
+
+#include "drift.hpp"
+#include "equations.hpp"
+#include "triangle.hpp"
+
+extern "C" {
+#include "eiv_correction.h"
+}
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+namespace inertiad::detail {
+
+constexpr double COMMON_GAIN = 1e-6;    // share of its sigma that a gain common to all force sensors may take
+constexpr double SPEED_STD = 0.05;      // m/s, of the vertical speed's change over a run: chosen as a tracker's
+constexpr int STEPS_BEFORE_WIDENING = 2;  // the noise is known from then on
+constexpr double IMPLAUSIBLE = 3.0;     // sigmas, as in firmware/core/filter_states.c
+constexpr double LEAST_TOLD = 0.01;     // of a prior's variance, as there
+constexpr double GYRO_FLOOR = 1e-6;     // rad/s: chosen under the bias stability of any MEMS gyro
+
+/// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
+/// the equations.
+struct Problem {
+    Problem(const Config& config_, const std::vector<BatchRun>& runs_, const BatchSettings& settings_)
+        : config(config_), runs(runs_), settings(settings_), n_groups(static_cast<int>(settings.payload.size()))
+    {
+        const int n_xi = ipe_systematic_count(config.n_cables());
+        std_xi.resize(IPE_XI_MAX);
+        ipe_systematic_std(&config.c(), std_xi.data());
+        std_xi.conservativeResize(n_xi);
+        for (int i = 0; i < n_xi; ++i) {
+            const bool is_wanted = settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)];
+            if (is_wanted && std_xi[i] > 0.0) { free.push_back(i); }
+        }
+        at_geometry = IPE_NP * n_groups + static_cast<int>(free.size());
+        n_geometry = free.empty() || config.c().std_geometry <= 0.0 ? 0 : 3 * config.n_cables();
+        n = at_geometry + n_geometry;
+        geometry = Eigen::VectorXd::Zero(n_geometry);
+        set_prior();
+        scale.tail(n_geometry).setConstant(config.c().std_geometry);
+        xi = Eigen::VectorXd::Zero(n_xi);
+        used_std = std_xi;
+        eiv_correction.resize(runs.size());
+        V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
+    }
+
+    void set_prior()
+    {
+        const Vector3 to_imu = -Eigen::Map<const Vector3>(config.c().imu_position);
+        scale = Eigen::VectorXd::Ones(n);
+        for (int g = 0; g < n_groups; ++g) {
+            Theta mean = Eigen::Map<const Theta>(config.c().prior_theta);
+            Covariance P = Eigen::Map<const Covariance>(&config.c().prior_covariance[0][0]);
+            loosen(settings.payload[static_cast<std::size_t>(g)], mean, P);
+            prior_std_body.push_back(body_std(mean, P));
+            P *= settings.theta_prior * settings.theta_prior;
+            ipe_body_shift(to_imu.data(), mean.data(), as_array(P));
+            prior_mean.push_back(mean);
+            const Eigen::MatrixXd L = P.llt().matrixL();
+            prior_rows.push_back(L.inverse());
+            scale.segment<IPE_NP>(IPE_NP * g) = P.diagonal().cwiseSqrt();
+        }
+        theta = prior_mean;
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            scale[IPE_NP * n_groups + static_cast<Eigen::Index>(i)] = std_xi[free[i]];
+        }
+    }
+
+    /// A payload somewhere within the platform's size comes to the prior body.
+    void loosen(double payload, Theta& mean, Covariance& P) const
+    {
+        double size2 = 0.0;
+        for (int i = 0; i < config.n_cables(); ++i) {
+            size2 += Eigen::Map<const Vector3>(config.c().cable[i].attachment).squaredNorm() / config.n_cables();
+        }
+        mean[0] += payload;
+        for (int i = 0; i < IPE_NP; ++i) {
+            const double std = i == 0 ? 0.1 * payload : i < 4 ? payload * std::sqrt(size2) : payload * size2;
+            P(i, i) += std * std;
+        }
+    }
+
+    static ipe_body_t body_std(const Theta& mean, const Covariance& P)
+    {
+        ipe_body_t b{};
+        (void)ipe_body_from_theta(mean.data(), as_array(P), &b);
+        return b;
+    }
+
+    /// What the parameters in which the equations are linear add to a window's wrench.
+    Column6 linear_part(const Config& corrected, Derived derived, const SmoothWindow& window, const Theta& x) const
+    {
+        const SystematicColumns X = systematic_columns(corrected, derived, window, x);
+        Column6 sum = Column6::Zero();
+        for (const int i : linear_parameters(config.n_cables())) { sum += X.col(i) * xi[i]; }
+        return sum;
+    }
+
+    /// Rows [A, b] of a run as measured, and what drift does to each window's.
+    Equations equations(const RunWindows& run, const BatchRun& of, const Config& corrected) const
+    {
+        Equations found;
+        const Theta& x = theta[static_cast<std::size_t>(of.group)];
+        found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
+        const std::vector<SmoothWindow> smooth = smoothed(of.derived, run.window);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            const ipe_average_t& a = run.window[k];
+            auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            Column6 y = Eigen::Map<const Vector6>(a.y);
+            found.by_drift.push_back(Eigen::MatrixXd::Zero(6, 3 + config.n_cables()));
+            if (free.empty()) {
+                block.middleCols<IPE_NP>(IPE_NP * of.group) = regressor(a);
+                block.col(n) = y - regressor(a) * x;
+                continue;
+            }
+            const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
+            if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
+            y += linear_part(corrected, of.derived, smooth[k], x);
+            block.col(n) = y - regressor(a) * x;
+            const Regressor Y = regressor(smooth[k].average);
+            block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
+            const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
+            const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
+            found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE),
+                -X.middleCols(IPE_XI_FORCE, config.n_cables());
+            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
+            for (std::size_t i = 0; i < free.size(); ++i) {
+                block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
+            }
+        }
+        return found;
+    }
+
+    /// V of a run from its residuals, drift taken out of them by what V was so far.
+    Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before) const
+    {
+        Drift drift(config.c(), 1);
+        std::vector<Column6> innovation;
+        Column6 explained = Column6::Zero();
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            Eigen::MatrixXd e = measured.residual(k);
+            explained += drift.take_out(run.window[k].t_ns, measured.by_drift[k], V_before, e).diagonal();
+            innovation.push_back(e);
+        }
+        return run_covariance(config, run.window, innovation, explained);
+    }
+
+    /// The run's rows as independent ones of unit variance.
+    Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C) const
+    {
+        Drift drift(config.c(), n + 1);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            const Square6 part = drift.take_out(run.window[k].t_ns, measured.by_drift[k], C, block);
+            const Square6 L = Square6(part + C).llt().matrixL();
+            block = L.triangularView<Eigen::Lower>().solve(block.eval());
+        }
+        return scaled(measured.rows);
+    }
+
+    /// Independent values in the band that the long-run variance is made of: its Bartlett weights count for 2/3 of their length.
+    double n_independent(const std::vector<BatchFit>& of) const
+    {
+        double n_windows = PRIOR_WINDOWS;
+        for (const BatchFit& f : of) { n_windows += static_cast<double>(f.n_windows); }
+        return 6.0 * n_windows / (2.0 / 3.0 * (IPE_NOISE_LAGS + 1));
+    }
+
+    Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
+    {
+        Ab.leftCols(n) = Ab.leftCols(n) * scale.asDiagonal();
+        return Ab;
+    }
+
+    /// A gain that all force sensors have in common scales theta, and only known payloads tell it: elsewhere it stays 0,
+    /// and its sigma is added when the body is published.
+    bool has_common_gain() const { return !settings.is_payload_known && !gains().empty(); }
+
+    /// Places of the free gains among the unknowns; none unless all are free.
+    std::vector<Eigen::Index> gains() const
+    {
+        const int first = IPE_XI_FORCE + config.n_cables(), end = first + config.n_cables();
+        std::vector<Eigen::Index> found;
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            if (free[i] >= first && free[i] < end) {
+                found.push_back(IPE_NP * n_groups + static_cast<Eigen::Index>(i));
+            }
+        }
+        return static_cast<int>(found.size()) == config.n_cables() ? found : std::vector<Eigen::Index>{};
+    }
+
+    /// What is not known of the common gain, in the gains' covariance.
+    void add_common_gain(Eigen::MatrixXd& covariance) const
+    {
+        const double std = has_common_gain() ? ipe_filter_states_common_gain_std(&config.c()) : 0.0;
+        for (const Eigen::Index i : gains()) {
+            for (const Eigen::Index j : gains()) { covariance(i, j) += std * std; }
+        }
+    }
+
+    /// The gains sum to zero.
+    Eigen::MatrixXd common_gain_row() const
+    {
+        const double std = COMMON_GAIN * config.c().std_force_gain * std::sqrt(static_cast<double>(config.n_cables()));
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(has_common_gain() ? 1 : 0, n + 1);
+        for (const Eigen::Index i : gains()) {
+            if (Ab.rows() == 0) { break; }
+            Ab(0, i) = 1.0 / std;
+            Ab(0, n) -= xi[free[static_cast<std::size_t>(i - IPE_NP * n_groups)]] / std;
+        }
+        return scaled(Ab);
+    }
+
+    /// Prior sigma of xi i for the next step: as in the last, or, as on the platform, what the data alone say where the
+    /// prior makes the estimate of a delay, place or friction implausible (ipe_filter_states_widen()).
+    double prior_std(int i) const
+    {
+        const bool is_delay = i >= IPE_XI_POSITION_DELAY && i <= IPE_XI_ATTITUDE_DELAY;
+        const bool is_place = i >= IPE_XI_IMU_POSITION && i < IPE_XI_ACC_SCALE;
+        const bool is_friction = i >= IPE_XI_FORCE + 2 * config.n_cables();
+        const bool is_unsure = is_delay || is_place || is_friction;
+        const Eigen::Index at = place(i);
+        if (!is_unsure || P.size() == 0 || at < 0) { return std_xi[i]; }
+        const double variance = used_std[i] * used_std[i], told = variance - P(at, at);
+        const bool is_told = told > LEAST_TOLD * variance;
+        const bool is_implausible = is_told && xi[i] * xi[i] > IMPLAUSIBLE * IMPLAUSIBLE * told;
+        return is_implausible ? std::abs(xi[i]) * variance / told : used_std[i];
+    }
+
+    void widen_priors()
+    {
+        for (const int i : free) {
+            const double std = prior_std(i);
+            if (std > used_std[i]) { widened_at = n_steps; }
+            used_std[i] = std::max(std, used_std[i]);
+        }
+    }
+
+    /// Priors of theta and xi, and known mass differences.
+    Eigen::MatrixXd prior() const
+    {
+        const int n_known = settings.is_payload_known ? n_groups - 1 : 0;
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(n + n_known, n + 1);
+        for (int g = 0; g < n_groups; ++g) {
+            const auto at = static_cast<std::size_t>(g);
+            Ab.block(IPE_NP * g, IPE_NP * g, IPE_NP, IPE_NP) = prior_rows[at];
+            Ab.col(n).segment(IPE_NP * g, IPE_NP) = prior_rows[at] * (prior_mean[at] - theta[at]);
+        }
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            const Eigen::Index row = IPE_NP * n_groups + static_cast<Eigen::Index>(i);
+            const double std = used_std[free[i]];
+            Ab(row, row) = 1.0 / std;
+            Ab(row, n) = -xi[free[i]] / std;
+        }
+        for (int i = 0; i < n_geometry; ++i) {
+            Ab(at_geometry + i, at_geometry + i) = 1.0 / scale[at_geometry + i];
+            Ab(at_geometry + i, n) = -geometry[i] / scale[at_geometry + i];
+        }
+        for (int g = 1; g <= n_known; ++g) {
+            const auto at = static_cast<std::size_t>(g);
+            Ab(n + g - 1, IPE_NP * g) = 1.0 / settings.payload_std;
+            Ab(n + g - 1, 0) = -1.0 / settings.payload_std;
+            Ab(n + g - 1, n) =
+                (settings.payload[at] - settings.payload[0] - theta[at][0] + theta[0][0]) / settings.payload_std;
+        }
+        return scaled(Ab);
+    }
+
+    /// Mean difference between the gyro and the change of attitude: the gyro's bias, three rows; none where it is not free.
+    Eigen::MatrixXd gyro_rows(const std::vector<ipe_average_t>& window) const
+    {
+        const auto at = std::find(free.begin(), free.end(), static_cast<int>(IPE_XI_GYRO_BIAS));
+        std::vector<Eigen::Vector3d> d;
+        std::vector<ipe_average_t> kept;
+        for (std::size_t k = 4; k < window.size(); ++k) {
+            if (!follows(window, k, 4)) { continue; }
+            const Eigen::Matrix3d before = Eigen::Map<const Matrix3>(&window[k - 4].R[0][0]);
+            const Eigen::Matrix3d after = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+            const double dt = 1e-9 * static_cast<double>(window[k].t_ns - window[k - 4].t_ns);
+            d.push_back(Eigen::Map<const Vector3>(window[k - 2].w) - rotation_vector(before.transpose() * after) / dt);
+            kept.push_back(window[k]);
+        }
+        if (at == free.end() || d.size() < 2 * IPE_NOISE_LAGS) { return Eigen::MatrixXd(0, n + 1); }
+        Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+        for (const Eigen::Vector3d& v : d) { mean += v / static_cast<double>(d.size()); }
+        for (Eigen::Vector3d& v : d) { v -= mean; }
+        const double count = static_cast<double>(d.size());
+        const double variance = long_run_sum<3>(kept, d).trace() / 3.0 / (count * count);
+        const double std = std::sqrt(std::max(variance, 0.0) + GYRO_FLOOR * GYRO_FLOOR);
+        const double* q = config.c().imu_orientation;
+        const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(3, n + 1);
+        Ab.middleCols(IPE_NP * n_groups + (at - free.begin()), 3) = R_PI / std;
+        Ab.col(n) = mean / std;
+        return scaled(Ab);
+    }
+
+    /// Place of systematic parameter i among the unknowns, -1: it is not free.
+    Eigen::Index place(int i) const
+    {
+        const auto at = std::find(free.begin(), free.end(), i);
+        return at == free.end() ? -1 : IPE_NP * n_groups + static_cast<Eigen::Index>(at - free.begin());
+    }
+
+    /// The accelerometer's scale: the mean of its vertical part is gravity and the change of the vertical speed, a row for
+    /// every stretch of windows without a gap. Its sigma is that of the tracked speeds, and of the attitude, which turns
+    /// horizontal acceleration into the vertical.
+    Eigen::MatrixXd gravity_rows(const std::vector<ipe_average_t>& window) const
+    {
+        const Eigen::Index scale_at = place(IPE_XI_ACC_SCALE), bias_at = place(IPE_XI_ACC_BIAS);
+        Eigen::MatrixXd Ab(0, n + 1);
+        if (scale_at < 0) { return Ab; }
+        for (std::size_t first = 0, end = 1; first < window.size(); first = end++) {
+            while (end < window.size() && follows(window, end, 1)) { ++end; }
+            if (end - first < 2 * IPE_NOISE_LAGS) { continue; }
+            Ab.conservativeResize(Ab.rows() + 1, Eigen::NoChange);
+            Ab.bottomRows<1>() = gravity_row(window, first, end, scale_at, bias_at);
+        }
+        return scaled(Ab);
+    }
+
+    Eigen::RowVectorXd gravity_row(const std::vector<ipe_average_t>& window, std::size_t first, std::size_t end,
+                                   Eigen::Index scale_at, Eigen::Index bias_at) const
+    {
+        const double* q = config.c().imu_orientation;
+        const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+        const double count = static_cast<double>(end - first);
+        Eigen::Vector3d up = Eigen::Vector3d::Zero();
+        double vertical = 0.0, horizontal2 = 0.0;
+        for (std::size_t k = first; k < end; ++k) {
+            const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+            const Eigen::Vector3d force = R * Eigen::Map<const Vector3>(window[k].s);
+            up += R_PI.transpose() * R.row(2).transpose() / count;
+            vertical += force.z() / count;
+            horizontal2 += force.head<2>().squaredNorm() / count;
+        }
+        const double T = 1e-9 * static_cast<double>(window[end - 1].t_ns - window[first].t_ns);
+        const double rise = (window[end - 1].velocity[2] - window[first].velocity[2]) / T;
+        const double std = std::hypot(SPEED_STD / T, config.c().std_attitude * std::sqrt(horizontal2));
+        Eigen::RowVectorXd row = Eigen::RowVectorXd::Zero(n + 1);
+        row[scale_at] = config.c().gravity / std;
+        if (bias_at >= 0) { row.segment<3>(bias_at) = up.transpose() / std; }
+        row[n] = (vertical - config.c().gravity - rise - config.c().gravity * xi[IPE_XI_ACC_SCALE]) / std;
+        return row;
+    }
+
+    /// One Gauss-Newton step. Returns its largest size in posterior sigmas.
+    double step(bool is_weight_renewed)
+    {
+        Triangle triangle(n);
+        const std::vector<BatchFit> before = std::exchange(fit, {});
+        const Config corrected = calibrated(config, xi);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            RunWindows run = windows_under(config, corrected, runs[r], xi);
+            const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            const Eigen::MatrixXd gravity =
+                runs[r].derived.force ? Eigen::MatrixXd(0, n + 1) : gravity_rows(run.window);
+            gate_rest(config, run);
+            const Equations measured = equations(run, runs[r], corrected);
+            if (is_weight_renewed) {
+                V[r] = (1.0 + n_observed / n_independent(before)) * learnt_covariance(run, measured, V[r]);
+            }
+            note(run, r, measured);
+            if (!run.window.empty()) { triangle.add(whitened(run, measured, V[r])); }
+            if (gyro.rows() > 0) { triangle.add(gyro); }
+            if (gravity.rows() > 0) { triangle.add(gravity); }
+        }
+        if (++n_steps > STEPS_BEFORE_WIDENING) { widen_priors(); }
+        triangle.add(prior());
+        if (has_common_gain()) { triangle.add(common_gain_row()); }
+        const Eigen::VectorXd u = triangle.solve();
+        const Eigen::MatrixXd unit = triangle.covariance();
+        P = scale.asDiagonal() * unit * scale.asDiagonal();
+        n_observed = static_cast<double>(n) - unit.trace();
+        move(scale.cwiseProduct(u));
+        return (u.array().abs() / unit.diagonal().array().sqrt()).maxCoeff();
+    }
+
+    void note(const RunWindows& run, std::size_t r, const Equations& measured)
+    {
+        eiv_correction[r] = {};
+        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&eiv_correction[r], &a, 1.0); }
+        if (runs[r].derived.force) { std::fill_n(eiv_correction[r].sum, 3, 0.0F); }  // smoothed in Y instead
+        if (runs[r].derived.rate) { std::fill_n(eiv_correction[r].sum + 3, 3, 0.0F); }
+        Vector6 sum = Vector6::Zero();
+        const std::size_t n_windows = run.window.size();
+        for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
+        const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
+        fit.push_back({runs[r].rows->size(), n_windows, n_rest,
+                       (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt(),
+                       V[r].diagonal().cwiseSqrt()});
+    }
+
+    void move(const Eigen::VectorXd& dz)
+    {
+        for (int g = 0; g < n_groups; ++g) { theta[static_cast<std::size_t>(g)] += dz.segment<IPE_NP>(IPE_NP * g); }
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            xi[free[i]] += dz[IPE_NP * n_groups + static_cast<Eigen::Index>(i)];
+        }
+        geometry += dz.tail(n_geometry);
+    }
+
+    const Config& config;
+    const std::vector<BatchRun>& runs;
+    const BatchSettings& settings;
+    int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
+    std::vector<int> free;
+    int n_steps = 0, widened_at = 0;  ///< steps taken; the last that began with wider priors
+    Eigen::VectorXd std_xi, used_std, scale, xi, geometry;
+    std::vector<Theta> prior_mean, theta;
+    std::vector<Eigen::MatrixXd> prior_rows;
+    std::vector<ipe_body_t> prior_std_body;
+    std::vector<Square6> V;
+    std::vector<ipe_eiv_correction_t> eiv_correction;  ///< of the runs' regressors
+    double n_observed =
+        0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
+    std::vector<BatchFit> fit;
+    Eigen::MatrixXd P;
+};
+
+}  // namespace inertiad::detail
