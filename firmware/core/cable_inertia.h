@@ -7,7 +7,7 @@
 /// the tension there also drives the cable along its line. a_B = a_I + ([alpha]x + [w]x[w]x)(b - i) is taken from the
 /// window's averages at its middle pose.
 /// The cable must stay straight: it holds below about half the first transverse frequency sqrt(f g / w)/(2 L) of each cable
-/// (CoGiRo 4 Hz, 2.5 N/m on it 2 Hz, facades of 30 m 0.5 Hz). At half of it the true mass is 1/(1 - 0.10) of this one.
+/// (CoGiRo 4 Hz, 2.5 N/m on it 2 Hz, facades of 30 m 0.5 Hz). The true force is 4 % larger at a quarter of it, 22 % at half.
 /// Source: firmware/DESIGN.md, "Cables". No state, any thread, 1 us per window of 8 cables.
 #ifndef IPE_CABLE_INERTIA_H
 #define IPE_CABLE_INERTIA_H
