@@ -50,7 +50,7 @@ void ipe_estimator_reset(ipe_estimator_t* e, const ipe_config_t* config);
 void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from);
 
 /// Predict the states to the middle of the next window; before each ipe_estimator_update().
-void ipe_estimator_predict(ipe_estimator_t* e, const ipe_average_t* average);
+void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average);
 
 /// Update the states with a window's equations.
 ///

@@ -78,6 +78,7 @@ void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config)
 {
     memset(m, 0, sizeof *m);
     m->is_fixed = config->position_source == IPE_POSITION_FIXED;
+    m->delay_attitude = config->delay_attitude;
     m->is_fused = ipe_motion_is_fused(config);
     m->gravity = config->gravity;
     mat3_from_quat(config->imu_orientation, m->R_PI);
@@ -581,6 +582,16 @@ void ipe_motion_nominal_error(const ipe_config_t* config, const double R[3][3], 
     }
 }
 
+/// R = R exp(w time).
+static void turn_on(const double w[3], double time, double R[3][3])
+{
+    const double angle[3] = {w[0] * time, w[1] * time, w[2] * time};
+    double turn[3][3], before[3][3];
+    mat3_exp(angle, turn);
+    memcpy(before, R, sizeof before);
+    mat3_mul((const double (*)[3])before, (const double (*)[3])turn, R);
+}
+
 /// s, w, R by the sensors' own calibration, and the error of their attitude.
 static void read_sensors(const ipe_motion_stage_t* m, const ipe_row_t* row, ipe_motion_t* motion)
 {
@@ -590,6 +601,7 @@ static void read_sensors(const ipe_motion_stage_t* m, const ipe_row_t* row, ipe_
     mat3_mul_vec(m->R_PI, s, motion->s);
     mat3_mul_vec(m->R_PI, w, motion->w);
     ahrs_attitude(m, row->q, (const double (*)[3])m->ahrs_to_platform, motion->R);
+    if (m->delay_attitude != 0.0) { turn_on(motion->w, m->delay_attitude, motion->R); }
     motion->error = m->sensor_error;
 }
 

@@ -60,6 +60,7 @@ typedef struct {
     double ahrs_to_imu[3][3];                   ///< I axes: R(q) ahrs_to_imu is calibrated
     double ahrs_to_platform[3][3];
     double yaw[3][3];                           ///< Rz(world_yaw)
+    double delay_attitude;                      ///< s that the AHRS lies behind the gyro of its sample
     double acc_bias[3], gyro_bias[3];           ///< I axes
     double lever[3];                            ///< l, I axes, m
     double imu_position[3], tracker_target[3];  ///< P, m

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "pipeline.h"
 
+#include "cable_inertia.h"
+
 #include <assert.h>
 #include <stdio.h>
 #include <string.h>
@@ -129,11 +131,13 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     p->estimator.n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_estimator_restart_windows(&p->estimator); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
+    status = ipe_cable_inertia_add(&p->config, &average);                         // the cables' own inertia
+    if (status != IPE_OK) { return status; }
     if (p->is_frozen) {
         ++p->n_frozen;
         return IPE_IGNORED;
     }
-    ipe_estimator_predict(&p->estimator, &average);                           // states -> now
+    ipe_estimator_predict(&p->estimator, &p->config, &average);                           // states -> now
     status = ipe_estimator_update(&p->estimator, &p->config, &average);       // window -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);  // theta, P -> body

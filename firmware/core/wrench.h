@@ -3,6 +3,8 @@
 ///
 ///   f_i = (measured_i - offset_i)/(1 + gain_i)
 ///   F = sum R^T (f_i u_i + sag_i)    tau = sum (b_i - p_I) x R^T (f_i u_i + sag_i)
+///   friction_i = f_i z_i,  z_i -> sgn(l_i') over 2 mm of travel (Dahl), l_i' = -u_i . (v + R (w x b_i)): speeds below
+///                1.5 cm/s do not count as travel, so that at rest z_i stays
 /// Source: firmware/DESIGN.md, "Cables". 2 KB of state, about 0.5 us for 8 cables, one thread.
 #ifndef IPE_WRENCH_H
 #define IPE_WRENCH_H
@@ -13,10 +15,12 @@
 
 typedef struct {
     const ipe_config_t* config;
-    uint64_t n_rows;      ///< rows turned into a wrench
-    uint64_t n_geometry;  ///< rows refused: a cable without direction
-    uint64_t n_slack;     ///< rows used with a cable below its tension_min
-    uint64_t n_overload;  ///< rows used with a cable above its tension_max
+    int64_t t_ns;                     ///< of the last row, 0: none yet
+    double friction[IPE_CABLES_MAX];  ///< z_i, -1 .. 1: 1 while the cable is paid out
+    uint64_t n_rows;                  ///< rows turned into a wrench
+    uint64_t n_geometry;              ///< rows refused: a cable without direction
+    uint64_t n_slack;                 ///< rows used with a cable below its tension_min
+    uint64_t n_overload;              ///< rows used with a cable above its tension_max
 } ipe_wrench_stage_t;
 
 /// config is kept by pointer and must outlive the stage.

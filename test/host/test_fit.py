@@ -26,6 +26,9 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
 import scenes  # noqa: E402
 
+N_XI = 49
+"""systematic parameters of eight cables"""
+
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
@@ -40,7 +43,7 @@ def config(recording: Recording) -> object:
 def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config: object) -> None:
     import statsmodels.api as sm
 
-    options = {"group": [0], "payload": [0.0], "is_free": [False] * 31, "theta_prior": 1e6, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": [False] * N_XI, "theta_prior": 1e6, "n_weight_steps": 0}
     ours = inertiad_core.batch(config, [recording.rows], **options)
     windows = inertiad_core.Windows(config, recording.rows)
     weight = np.tile(1.0 / ours["fit"][0]["noise_std"] ** 2, len(windows.y))
@@ -50,9 +53,9 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
 
 
 def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
-    free = [True] * 11 + [False] * 20
+    free = [True] * 11 + [False] * (N_XI - 11)
     options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
-    std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0})  # no unknowns beside these
+    std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0})  # no unknowns beside these
     noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
     still = recording.robot.model_copy(update={"std": std, "estimator": noise})
     config = reader.config_of(still, "test")
@@ -61,7 +64,7 @@ def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config
     mean = np.r_[_prior_theta(still), np.zeros(11)]
 
     def cost(z: np.ndarray) -> np.ndarray:
-        xi = np.r_[z[10:], np.zeros(20)]
+        xi = np.r_[z[10:], np.zeros(N_XI - 11)]
         rows = inertiad_core.undelayed(recording.rows, xi[10], 0.0)
         windows = inertiad_core.Windows(inertiad_core.calibrated(config, xi), rows)
         n = 222  # windows, whatever the delay drops at the end
@@ -314,14 +317,14 @@ def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, config: object) -> None:
     """Against generalised least squares with the dense covariance of wander and noise over all windows."""
-    free = [True] * 3 + [False] * 28
+    free = [True] * 3 + [False] * (N_XI - 3)
     options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
-    std = recording.robot.std.model_copy(update={"geometry": 0.0})
+    std = recording.robot.std.model_copy(update={"geometry": 0.0, "force_offset_drift": 0.0})
     config = reader.config_of(recording.robot.model_copy(update={"std": std}), "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)
     noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
 
-    calibrated = inertiad_core.calibrated(config, np.r_[ours["xi"][:3], np.zeros(28)])
+    calibrated = inertiad_core.calibrated(config, np.r_[ours["xi"][:3], np.zeros(N_XI - 3)])
     windows = inertiad_core.Windows(calibrated, recording.rows)
     turn = windows.X(np.array(ours["body"][0]["theta"]))[:, :, :3].reshape(-1, 3)
     age = np.repeat(np.asarray(windows.t), 6)

@@ -34,6 +34,7 @@ void setUp(void)
 {
     seed = 1234;
     config = cogiro();
+    for (int i = 0; i < 8; ++i) { config.cable[i].weight_per_length = 0.0; }  // the samples know no inertia of cables
     nominal_theta(truth);
     simulate_once();
     init(&pipeline);

@@ -195,7 +195,7 @@ static void test_publish_estimate_that_is_not_finite_is_held_back(void)
 
 static void test_publish_estimate_names_its_systematic_parameters(void)
 {
-    estimate.n_systematic = ipe_systematic_filter_count(8);
+    estimate.n_systematic = ipe_systematic_count(8);
     (void)push_row(0);
     handle_all();
     TEST_ASSERT_EQUAL_STRING("force_gain_8", last_text);

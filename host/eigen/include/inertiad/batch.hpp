@@ -37,9 +37,10 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     BatchResult result{};
     for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
         const int step = result.n_steps;
-        result.last_step = problem.step(step > 1 && step <= 1 + settings.n_weight_steps);
+        const int n_weight_steps = settings.n_weight_steps + (settings.n_weight_steps > 0 ? problem.widened_at : 0);
+        result.last_step = problem.step(step > 1 && step <= 1 + n_weight_steps);
         if (!std::isfinite(result.last_step)) { throw std::domain_error("the equations have no finite solution"); }
-        if (step > settings.n_weight_steps && result.last_step < detail::CONVERGED) { break; }
+        if (step > n_weight_steps && step > problem.widened_at && result.last_step < detail::CONVERGED) { break; }
     }
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
@@ -49,6 +50,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     result.free = problem.free;
     result.prior_std = problem.scale;
     result.P = problem.P;
+    problem.add_common_gain(result.P);
     result.xi = problem.xi;
     result.xi_std = problem.std_xi;
     for (std::size_t i = 0; i < problem.free.size(); ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The weak equations of a whole run, from its aligned rows: what batch solvers on the host work on.
-/// Same stages, same order as ipe_pipeline_step(): motion (smoothed), wrench, window, regressor.
+/// Same stages, same order as ipe_pipeline_step(): motion (smoothed), wrench, window, cable inertia, regressor.
 #pragma once
 
 #include "body.hpp"
@@ -10,6 +10,7 @@
 #include <vector>
 
 extern "C" {
+#include "cable_inertia.h"
 #include "filter_states.h"
 #include "systematic.h"
 #include "window.h"
@@ -35,7 +36,8 @@ inline std::vector<ipe_average_t> windows_of(const Config& config, const std::ve
         const ipe_motion_t* of_row = &motion[k].motion;
         if (!motion[k].is_known || !rows[k].has_force) { continue; }
         if (ipe_wrench_from_row(&wrench_stage, &rows[k], of_row, &wrench) != IPE_OK) { continue; }
-        if (ipe_window_push(&window, rows[k].t_ns, of_row, &wrench, &average) == IPE_OK) { found.push_back(average); }
+        if (ipe_window_push(&window, rows[k].t_ns, of_row, &wrench, &average) != IPE_OK) { continue; }
+        if (ipe_cable_inertia_add(&config.c(), &average) == IPE_OK) { found.push_back(average); }
     }
     return found;
 }
@@ -48,7 +50,7 @@ inline Regressor regressor(const ipe_average_t& average) noexcept
     return Y;
 }
 
-/// X [6][47], the first ipe_systematic_count() columns used. Throws std::domain_error where a cable has no direction.
+/// X [6][72], the first ipe_systematic_count() columns used. Throws std::domain_error where a cable has no direction.
 inline SystematicColumns systematic_columns(const Config& config, const ipe_average_t& average, const Theta& theta)
 {
     SystematicColumns X;

@@ -17,7 +17,7 @@ from inertiad.identify import fisher_information
 from inertiad.model import forward_dynamics, trajectory
 from inertiad.model.forward_dynamics import Moved
 from inertiad.model.trajectory import Motion, Moves, Trajectory
-from inertiad.robot import systematic
+from inertiad.robot import configuration, systematic
 
 LONGEST = 120.0
 """s, the longest motion tried for a wanted accuracy"""
@@ -142,6 +142,11 @@ def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
     return plan
 
 
+def _declared(model: fisher_information.Model, group: systematic.Group) -> float:
+    """The sigma of [std] of a kind of systematic parameter; cable_inertia has none."""
+    return configuration.std(model.robot).get(group.std_key, float("nan"))
+
+
 def _out_of_reach(checker: Checker, plan: Plan, wanted: Array) -> str:
     """Text: the sigma that stays too large, and the systematic error that limits it."""
     worst = int(np.argmax(plan.sigma / wanted))
@@ -149,14 +154,16 @@ def _out_of_reach(checker: Checker, plan: Plan, wanted: Array) -> str:
     model = checker.model
     base = model.information(model.windows(motion, checker.tensions(motion), fisher_information.REHEARSAL_RATE))
     known = {}
-    for group in systematic.filter_groups(model.robot.n_cables):
+    for group in systematic.planned_groups(model.robot.n_cables):
+        if np.isnan(_declared(model, group)):
+            continue
         columns, better = model.columns(group), base.copy()
         better[columns, columns] += np.diag(np.full(group.n, 1e18))
-        known[group.std_key] = float(model.sigma(better)[worst])
-    name = min(known, key=lambda key: known[key])
+        known[group] = float(model.sigma(better)[worst])
+    limit = min(known, key=lambda group: known[group])
     return (
         f"{NAMES[worst]} stays at {plan.sigma[worst]:.3g} {UNITS[worst]} after {plan.path.duration:.0f} s, wanted "
-        f"{wanted[worst]:.3g}: the limit is [std] {name} = {getattr(model.robot.std, name):g}: calibrate it first"
+        f"{wanted[worst]:.3g}: the limit is [std] {limit.std_key} = {_declared(model, limit):g}: calibrate it first"
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+import inertiad_core
 from inertiad.base import table
 from inertiad.base.error import InputError
 from inertiad.base.quantity import forces
@@ -21,7 +22,7 @@ from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
 from inertiad.identify import fit
 from inertiad.robot import description, systematic
-from inertiad.robot.description import Robot
+from inertiad.robot.description import LeftOver, Robot
 from inertiad.robot.systematic import Group, names
 from inertiad.run import reader
 from inertiad.run.reader import Recording
@@ -140,11 +141,11 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     n = len(names(robot.n_cables))
     free = np.ones(n, dtype=bool)
     result = _solve(config, recordings, payload, is_known, free)
-    n_theta = 10 * len(set(payload))
-    part = slice(n_theta, n_theta + n)
-    covariance = np.array(result["covariance"])[part, part]
-    prior_std = np.array(result["prior_std"])[part]
-    refused = np.sqrt(np.diag(covariance)) > NOT_TOLD * prior_std
+    told = np.array(result["free"], dtype=int)
+    part = slice(10 * len(set(payload)), 10 * len(set(payload)) + len(told))
+    covariance, prior_std = np.zeros((n, n)), np.maximum(inertiad_core.systematic_std(config), 1e-12)
+    covariance[np.ix_(told, told)] = np.array(result["covariance"])[part, part]
+    refused = np.sqrt(np.diag(covariance)) >= NOT_TOLD * prior_std
     directions = _unit_directions(covariance, prior_std, names(robot.n_cables))
     gains = systematic.group("force_gain", robot.n_cables)
     if _common_gain(covariance, prior_std, gains):
@@ -168,6 +169,8 @@ def _left_over(calibration: Calibration) -> dict[str, float]:
     """One sigma for all parameters of a kind, as the daemon takes it: the largest in any direction."""
     result = {}
     for group in systematic.groups(calibration.robot.n_cables):
+        if group.std_key not in LeftOver.model_fields:
+            continue
         largest = float(np.linalg.eigvalsh(calibration.covariance[group.part, group.part])[-1])
         result[group.std_key] = float(min(np.sqrt(largest), calibration.prior_std[group.part].max()))
     return result
@@ -188,6 +191,7 @@ def document(calibration: Calibration) -> dict[str, Any]:
         .tolist(),
         "position_delay": float(old.position_delay + part["position_delay"][0]),
         "force_delay": float(old.force_delay + part["force_delay"][0]),
+        "attitude_delay": float(old.attitude_delay + part["attitude_delay"][0]),
         "force_offset": (np.array(old.force_offset or np.zeros(m)) + part["force_offset"]).tolist(),
         "force_gain": (np.array(old.force_gain or np.zeros(m)) + part["force_gain"]).tolist(),
         "not_told": [labels[i] for i in np.flatnonzero(calibration.refused)] + calibration.directions,

@@ -64,7 +64,7 @@ class Model:
     @cached_property
     def E(self) -> Array:
         """d(mass, cog, inertia_cog) / d(states) [10, n], states about the IMU."""
-        n_x = N_THETA + systematic.n_filter(self.robot.n_cables)
+        n_x = N_THETA + systematic.n_planned(self.robot.n_cables)
         back = -np.array(self.robot.imu.position)
         shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
         E = np.zeros((10, n_x))

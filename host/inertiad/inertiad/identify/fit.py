@@ -46,7 +46,7 @@ class Estimate:
     distance: float = 0.0
     """Mahalanobis distance squared from the data's optimum to the published body"""
     xi: Array | None = None
-    """corrections [15 + 2m] to the calibration in robot.toml"""
+    """corrections [24 + 3m] to the calibration in robot.toml"""
     xi_std: Array | None = None
     n_windows: int = 0
     rms: Array = field(default_factory=lambda: np.zeros(6))
@@ -213,7 +213,11 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     windows = inertiad_core.Windows(config, rows)
     if len(windows.y) == 0:
         raise InputError(f"{run.path}: no whole window in the data")
-    e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
+    theta = inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
+    e = windows.y - windows.Y @ theta
+    if estimate.xi is not None:
+        linear = inertiad_core.linear_parameters(run.robot.n_cables)
+        e = e + windows.X(theta)[:, :, linear] @ estimate.xi[linear]
     offsets = systematic.group("force_offset", run.robot.n_cables).part
     W = -windows.X(np.zeros(10))[:, :, offsets]
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
@@ -224,13 +228,22 @@ def _quantity(value: Any, std: Any) -> dict[str, Any]:
     return {"value": value, "std": std}
 
 
+def _configured(robot: Robot, name: str) -> Any:
+    """The value that robot_config_t has for a kind of systematic parameter; None where xi is a correction to others."""
+    place = {"imu_position": robot.imu.position, "tracker_target": robot.tracker.target}
+    delays = ("position_delay", "force_delay", "attitude_delay")
+    return place.get(name) if name in place or name in delays else getattr(robot.calibration, name, None)
+
+
 def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
     """Sensor errors as robot_config_t has them: configured plus estimated; alignment and delays are corrections."""
     if estimate.xi is None or estimate.xi_std is None:
         return {}
     result = {}
     for group in systematic.groups(robot.n_cables):
-        configured = getattr(robot.calibration, group.name, None)
+        configured = _configured(robot, group.name)
+        if not np.any(estimate.xi_std[group.part]):
+            continue
         value = estimate.xi[group.part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
         std = estimate.xi_std[group.part]
         if group.n == 1:

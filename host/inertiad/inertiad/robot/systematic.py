@@ -14,6 +14,7 @@ _SHOWN: Final = {
     "rad": ("deg", 180.0 / np.pi),
     "rad/s": ("deg/s", 180.0 / np.pi),
     "s": ("ms", 1e3),
+    "m": ("mm", 1e3),
     "1": ("%", 100.0),
 }
 """unit in which people are shown a quantity of an SI unit, and the factor to it"""
@@ -31,8 +32,6 @@ class Group:
     """index in xi"""
     n: int
     is_per_cable: bool
-    in_filter: bool
-    """a state of the filter on the platform; these come first in xi"""
 
     @property
     def part(self) -> slice:
@@ -78,11 +77,11 @@ def names(n_cables: int) -> list[str]:
     return [label for g in groups(n_cables) for label in g.labels]
 
 
-def filter_groups(n_cables: int) -> list[Group]:
-    """The kinds that the filter carries."""
-    return [g for g in groups(n_cables) if g.in_filter]
+def planned_groups(n_cables: int) -> list[Group]:
+    """The kinds whose equations instants of a motion have; they come first. Friction needs the cables' travel."""
+    return [g for g in groups(n_cables) if g.name != "friction"]
 
 
-def n_filter(n_cables: int) -> int:
-    """Number of parameters that the filter carries."""
-    return sum(g.n for g in filter_groups(n_cables))
+def n_planned(n_cables: int) -> int:
+    """Number of parameters of planned_groups()."""
+    return sum(g.n for g in planned_groups(n_cables))
