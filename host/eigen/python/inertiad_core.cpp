@@ -346,7 +346,7 @@ inertiad::Covariance rehearse(const inertiad::Config& config, double rate, const
     }
     for (std::size_t i = 0; i < window.size(); ++i) {
         std::copy_n(y.data() + IPE_NY * i, IPE_NY, window[i].y);
-        ipe_estimator_predict(estimator.get(), &window[i]);
+        ipe_estimator_predict(estimator.get(), &config.c(), &window[i]);
         if (ipe_estimator_update(estimator.get(), &config.c(), &window[i]) < IPE_OK) {
             throw std::invalid_argument("motion, y: NaN, Inf or a cable without direction");
         }
