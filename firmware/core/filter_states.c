@@ -76,12 +76,13 @@ void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_average_t* aver
 {
     const int first = s->layout.first[IPE_BLOCK_WANDER], count = s->layout.count[IPE_BLOCK_WANDER];
     const double elapsed = 1e-9 * (double)(average->t_ns - s->t_ns);
-    for (int i = 0; i < count && s->t_ns != 0; ++i) {
+    for (int i = 0; i < count; ++i) {
         const double time = fmax(average->error.attitude_time[i], SMALLEST_TIME);
-        const double fade = exp(-fmin(fmax(elapsed / time, 0.0), LONGEST_FADE));
-        const double std = fmax(average->error.attitude_std[i], SMALLEST_STD);
+        const double fade = s->t_ns == 0 ? 1.0 : exp(-fmin(fmax(elapsed / time, 0.0), LONGEST_FADE));
+        const double std = fmax(average->error.attitude_std[i], SMALLEST_STD), known = ipe_rls_std(rls, first + i);
+        const double start = s->t_ns == 0 ? fmax(std * std - known * known, 0.0) : 0.0;
         ipe_rls_fade(rls, first + i, fade);
-        ipe_rls_loosen(rls, first + i, std * std * (1.0 - fade * fade));
+        ipe_rls_loosen(rls, first + i, start + std * std * (1.0 - fade * fade));
     }
     s->t_ns = average->t_ns;
 }

@@ -80,6 +80,7 @@ typedef struct {
     ipe_noise_density_t noise;                 ///< of acc and gyro
     int block_length;                          ///< rows of an epoch, 0: no row followed another yet
     double acc_density, gyro_density;          ///< (m/s2)^2/Hz, (rad/s)^2/Hz
+    double decay[3];                           ///< 1/s, of the attitude's error by measurements, W axes
     double gate2;                              ///< m2: a position further off contradicts
 
     // sums over the epoch
