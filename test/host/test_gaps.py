@@ -20,7 +20,7 @@ from inertiad_lcm import health_t, signals_t
 LOST_AT = 12.0  # s
 RATE = 100  # Hz
 MAX_CARRY = 0.5  # s, the default
-LOST = ("overrun", "force.missing", "force.late", "position.missing", "position.late")
+LOST = ("overrun",)
 
 
 def run_with_gap(folder: Path, gap: float) -> Path:
@@ -56,7 +56,7 @@ def test_estimate_holds_while_the_position_is_carried(tmp_path, gap):
         assert carried <= 2  # at the end, past the last position
     else:
         assert carried == pytest.approx(min(gone, RATE * MAX_CARRY), abs=3)
-    dropped = n["align.position.missing"] + n["align.position.late"]
+    dropped = n["motion.no_position"]
     assert dropped == pytest.approx(max(0.0, gone - RATE * MAX_CARRY), abs=3)
     assert n["align.imu.samples"] == n["align.rows"] + sum(n[f"align.{cause}"] for cause in LOST)
     body, truth = estimate.read(run / "estimate.json"), estimate.read_truth(run / "truth.json")
@@ -105,4 +105,4 @@ def test_verify_fails_the_same_gap_when_nothing_may_be_carried(tmp_path):
     with (run / "robot.toml").open("a") as file:
         file.write("[align]\nmax_carry = 0.0\n")
     failed = {c.name: c.detail for c in verify.verify(verify.Options(run), lambda _: None) if c.passed is False}
-    assert "align.position.missing" in failed["rows"]
+    assert "motion.no_position" in failed["rows"]
