@@ -105,4 +105,4 @@ def test_verify_fails_the_same_gap_when_nothing_may_be_carried(tmp_path):
     with (run / "robot.toml").open("a") as file:
         file.write("[align]\nmax_carry = 0.0\n")
     failed = {c.name: c.detail for c in verify.verify(verify.Options(run), lambda _: None) if c.passed is False}
-    assert "motion.no_position" in failed["rows"]
+    assert "align.position.missing" in failed["rows"]
