@@ -124,10 +124,11 @@ static void predict_wander(const ipe_filter_states_t* s, const ipe_average_t* av
     const int first = s->layout.first[IPE_BLOCK_WANDER], count = s->layout.count[IPE_BLOCK_WANDER];
     for (int i = 0; i < count; ++i) {
         const double time = fmax(average->error.attitude_time[i], SMALLEST_TIME);
-        const double fade = exp(-fmin(fmax(elapsed / time, 0.0), LONGEST_FADE));
-        const double std = average->error.attitude_std[i];
+        const double fade = s->t_ns == 0 ? 1.0 : exp(-fmin(fmax(elapsed / time, 0.0), LONGEST_FADE));
+        const double std = average->error.attitude_std[i], known = ipe_rls_std(rls, first + i);
+        const double start = s->t_ns == 0 ? fmax(std * std - known * known, 0.0) : 0.0;
         ipe_rls_fade(rls, first + i, fade);
-        ipe_rls_loosen(rls, first + i, std * std * (1.0 - fade * fade));
+        ipe_rls_loosen(rls, first + i, start + std * std * (1.0 - fade * fade));
     }
 }
 
@@ -143,7 +144,7 @@ void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_config_t* confi
 {
     if (s->t_ns == 0) { s->drifted_ns = average->t_ns; }
     const double since_drift = 1e-9 * (double)(average->t_ns - s->drifted_ns);
-    if (s->t_ns != 0) { predict_wander(s, average, 1e-9 * (double)(average->t_ns - s->t_ns), rls); }
+    predict_wander(s, average, 1e-9 * (double)(average->t_ns - s->t_ns), rls);
     if (since_drift < 0.0 || since_drift >= DRIFT_INTERVAL) {
         predict_offsets(s, config, fmax(since_drift, 0.0), rls);
         s->drifted_ns = average->t_ns;

@@ -22,8 +22,10 @@
 #define GYRO_BIAS_STD_MIN 2e-3   // rad/s
 #define SCALE_STD_MIN 5e-3
 #define IPE_WANDER_TIME 20.0     // s, of the AHRS's yaw
-#define SETTLED_TILT 5e-3        // rad: motion is published from here on
+#define SETTLED_TILT 3e-3        // rad: motion is published from here on
 #define SETTLED_SCALE 1e-3
+#define DECAY_MEMORY 0.4         // s, over which the decay of the attitude's error is averaged
+#define SLOWEST_DECAY 1e-4       // 1/s
 #define GATE 6.0                 // sigmas, and
 #define JUMP 0.05                // m: a position further off contradicts
 #define RESTART_POSITIONS 5      // refused one after another,
@@ -395,9 +397,17 @@ static void set_error(ipe_motion_stage_t* m)
     memcpy(e->force_scale, m->spread.S[BETA], sizeof e->force_scale);
     memcpy(e->rate_scale, m->spread.S[KAPPA], sizeof e->rate_scale);
     for (int i = 0; i < 3; ++i) {
-        const double variance = m->spread.P[PHI + i][PHI + i];
-        e->attitude_std[i] = sqrt(variance);
-        e->attitude_time[i] = variance / m->gyro_density;  // P' = q - 2 P / time at rest of P, and gain P / time
+        e->attitude_std[i] = sqrt(m->spread.P[PHI + i][PHI + i]);
+        e->attitude_time[i] = 1.0 / fmax(m->decay[i], SLOWEST_DECAY);
+    }
+}
+
+/// The share of the attitude's error that measurements take away, per second.
+static void learn_decay(ipe_motion_stage_t* m, double T)
+{
+    for (int i = 0; i < 3; ++i) {
+        const double before = m->epoch.predicted.P[PHI + i][PHI + i], after = m->spread.P[PHI + i][PHI + i];
+        m->decay[i] += fmin(T / DECAY_MEMORY, 1.0) * ((before - after) / (before * T) - m->decay[i]);
     }
 }
 
@@ -412,6 +422,7 @@ static void end_epoch(ipe_motion_stage_t* m, const double q[4])
     update_yaw(m, q, T, d);
     memcpy(m->epoch.correction, d, sizeof d);
     apply(m, d);
+    learn_decay(m, T);
     set_error(m);
     const double* P = &m->spread.P[0][0];
     m->gate2 = square(GATE) * (P[0] + P[N + 1] + P[2 * (N + 1)] + 3.0 * m->position_variance) + square(JUMP);

@@ -17,7 +17,7 @@
 /// takes no information twice.
 /// With [attitude] estimate "ahrs", or without a tracker, R, s and w are the calibrated sensors' own; p and v still come
 /// from here, and bridge the tracker's gaps up to max_carry.
-/// Source: firmware/DESIGN.md, "Motion". 7 KB of state; per row about 0.15 us, per epoch about 5 us. One thread.
+/// Source: firmware/DESIGN.md, "Motion". 13 KB of state; 0.2 us per row at 1 kHz, an epoch included. One thread.
 #ifndef IPE_MOTION_H
 #define IPE_MOTION_H
 
@@ -81,6 +81,7 @@ typedef struct {
     ipe_noise_density_t noise;                 ///< of acc and gyro
     int block_length;                          ///< rows of an epoch, 0: no row followed another yet
     double acc_density, gyro_density;          ///< (m/s2)^2/Hz, (rad/s)^2/Hz
+    double decay[3];                           ///< 1/s, of the attitude's error by measurements, W axes
     double gate2;                              ///< m2: a position further off contradicts
 
     // sums over the epoch

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 LOST_AT = 12.0  # s
 RATE = 100  # Hz
 MAX_CARRY = 0.5  # s, the default
-LOST = ("overrun", "force.missing", "force.late", "position.missing", "position.late")
+LOST = ("overrun",)
 
 
 def run_with_gap(folder: Path, gap: float) -> Path:
@@ -58,7 +58,7 @@ def test_estimate_holds_while_the_position_is_carried(tmp_path, gap):
         assert carried <= 2  # at the end, past the last position
     else:
         assert carried == pytest.approx(min(gone, RATE * MAX_CARRY), abs=3)
-    dropped = n["align.position.missing"] + n["align.position.late"]
+    dropped = n["motion.no_position"]
     assert dropped == pytest.approx(max(0.0, gone - RATE * MAX_CARRY), abs=3)
     assert n["align.imu.samples"] == n["align.rows"] + sum(n[f"align.{cause}"] for cause in LOST)
     body, truth = estimate.read(run / "estimate.json"), estimate.read_truth(run / "truth.json")

@@ -202,7 +202,7 @@ static void test_sensitivity_to_lever(void)
 {
     for (int i = 0; i < 3; ++i) {
         setUp();
-        check_sensitivity(IPE_MOTION_BY_LEVER + i, 5e-4, 0.15);
+        check_sensitivity(IPE_MOTION_BY_LEVER + i, 5e-4, 0.4);
     }
 }
 

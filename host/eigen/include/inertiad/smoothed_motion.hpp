@@ -42,7 +42,6 @@ struct MotionNode {
     MotionBy S, S_predicted;
     MotionVector correction;
     Eigen::Vector3d beta, kappa;
-    double gyro_density;
     MotionVector error;  ///< e of the whole run
 };
 
@@ -60,7 +59,6 @@ inline MotionNode node_of(const ipe_motion_stage_t& m, std::size_t row, bool is_
             MotionVector(Eigen::Map<const MotionVector>(m.epoch.correction)),
             Eigen::Vector3d(m.beta),
             Eigen::Vector3d(m.kappa),
-            m.gyro_density,
             MotionVector::Zero()};
 }
 
@@ -112,7 +110,6 @@ inline void set_error(const MotionNode& at, ipe_attitude_error_t& error)
             error.rate_scale[i][k] = at.S(IPE_MOTION_KAPPA + i, k);
         }
         error.attitude_std[i] = std::sqrt(std::max(variance, 0.0));
-        error.attitude_time[i] = variance / at.gyro_density;
     }
 }
 
