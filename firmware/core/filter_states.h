@@ -58,6 +58,7 @@ typedef struct {
     bool has_patterns;                             ///< chosen, from the first window
     double pattern[IPE_PATTERNS][IPE_CABLES_MAX];  ///< orthonormal; all zero until chosen
     double std[IPE_BLOCKS];  ///< prior sigma of each block's states: as configured, or wider, ipe_filter_states_widen()
+    double gain_basis[IPE_CABLES_MAX - 1][IPE_CABLES_MAX];  ///< [state][cable]: orthonormal, each sums to zero
     int64_t t_ns;        ///< middle of the window that the states were last predicted to, 0: none
     int64_t drifted_ns;  ///< time up to which the force offsets have been allowed their drift
 } ipe_filter_states_t;
