@@ -21,10 +21,10 @@ typedef enum { OWN, AS_THEY_ARE, ZERO_SUM, SUMMED } ipe_columns_t;
 /// The blocks of the filter, in the order of ipe_block_t. To add one: a line here, its name there, its rows below.
 static const struct {
     const char* name;
-    int count, per_cable;   ///< states: count + per_cable m
+    int count, per_cable;  ///< states: count + per_cable m
     ipe_columns_t columns;
-    int xi, xi_per_cable;   ///< first column of systematic.h, xi + xi_per_cable m, and offset of its prior sigma
-    size_t std;             ///< OWN: offset of the prior sigma in ipe_config_t; theta has prior_covariance
+    int xi, xi_per_cable;  ///< first column of systematic.h, xi + xi_per_cable m, and offset of its prior sigma
+    size_t std;            ///< OWN: offset of the prior sigma in ipe_config_t; theta has prior_covariance
 } BLOCK[IPE_BLOCKS] = {
 #define STD(field) offsetof(ipe_config_t, field)
     [IPE_BLOCK_THETA] = {"theta", IPE_NP, 0, OWN, 0, 0, 0},
@@ -116,7 +116,7 @@ static double implausible_value(const ipe_rls_t* rls, int i, double std)
 
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
 {
-    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY, IPE_BLOCK_ATTITUDE_DELAY,
+    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY,    IPE_BLOCK_ATTITUDE_DELAY,
                                            IPE_BLOCK_IMU_POSITION,   IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION};
     for (size_t k = 0; k < sizeof of_unsure_prior / sizeof of_unsure_prior[0]; ++k) {
         const ipe_block_t b = of_unsure_prior[k];

@@ -103,7 +103,7 @@ double ipe_filter_states_common_gain_std(const ipe_config_t* config);
 /// light: 1 % on a slow robot of 6 cables, at 3 sigma. The noise's part of the innovation, V (S + V)^-1 of it, is
 /// attributed to the smallest change of tensions that explains it.
 void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX],
-                                            const double f[IPE_CABLES_MAX], const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
-                                            const double L[IPE_NY][IPE_NY], double* H);
+                                            const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
+                                            const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H);
 
 #endif

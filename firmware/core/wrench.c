@@ -5,10 +5,10 @@
 
 #include <string.h>
 
-#define REST_SPEED 0.015       // m/s, below which friction fades with the speed: chosen as the error of the speeds
-#define OBSERVER_RATE 60.0    // rad/s: chosen so that a tilt of 10 mrad makes an error of 3 mm/s
-#define REACH 2e-3            // m of travel over which friction turns: chosen as measured on steel cables on pulleys
-#define OBSERVER_GAP 0.5      // s without a row after which it starts again
+#define REST_SPEED 0.015    // m/s, below which friction fades with the speed: chosen as the error of the speeds
+#define OBSERVER_RATE 60.0  // rad/s: chosen so that a tilt of 10 mrad makes an error of 3 mm/s
+#define REACH 2e-3          // m of travel over which friction turns: chosen as measured on steel cables on pulleys
+#define OBSERVER_GAP 0.5    // s without a row after which it starts again
 
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)
 {
@@ -112,8 +112,8 @@ ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], co
 }
 
 /// Tensions with the sign of the cables' travel; the first three rows of W are the cables' directions.
-static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion, const double W[IPE_NY][IPE_CABLES_MAX],
-                        ipe_wrench_t* wrench)
+static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion,
+                        const double W[IPE_NY][IPE_CABLES_MAX], ipe_wrench_t* wrench)
 {
     const ipe_config_t* k = w->config;
     double v[3];
@@ -121,7 +121,8 @@ static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* mo
     for (int i = 0; i < k->n_cables; ++i) {
         double turning[3];
         vec3_cross(motion->w, k->cable[i].attachment, turning);
-        const double speed = -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
+        const double speed =
+            -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
         const double square = speed * speed, moving = square / (square + REST_SPEED * REST_SPEED);
         const double travel = fabs(speed) * dt * moving;
         w->friction[i] += travel / (travel + REACH) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);

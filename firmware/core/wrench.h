@@ -18,19 +18,19 @@
 
 typedef struct {
     const ipe_config_t* config;
-    double R_PI[3][3];        ///< I axes to P axes
-    double yaw[3][3];         ///< Rz(world_yaw)
-    double correction[3][3];  ///< R_PI^T exp(attitude_bias)
+    double R_PI[3][3];                ///< I axes to P axes
+    double yaw[3][3];                 ///< Rz(world_yaw)
+    double correction[3][3];          ///< R_PI^T exp(attitude_bias)
     struct {
-        int64_t t_ns;         ///< of the last row, 0: none yet
-        double p[3], v[3];    ///< of the IMU point, W
+        int64_t t_ns;                 ///< of the last row, 0: none yet
+        double p[3], v[3];            ///< of the IMU point, W
     } observed;
     double friction[IPE_CABLES_MAX];  ///< z_i, -1 .. 1: 1 while the cable is paid out
 
-    uint64_t n_rows;          ///< rows turned into a wrench
-    uint64_t n_geometry;      ///< rows refused: a cable without direction
-    uint64_t n_slack;         ///< rows used with a cable below its tension_min
-    uint64_t n_overload;      ///< rows used with a cable above its tension_max
+    uint64_t n_rows;                  ///< rows turned into a wrench
+    uint64_t n_geometry;              ///< rows refused: a cable without direction
+    uint64_t n_slack;                 ///< rows used with a cable below its tension_min
+    uint64_t n_overload;              ///< rows used with a cable above its tension_max
 } ipe_wrench_stage_t;
 
 /// config is kept by pointer and must outlive the stage.

@@ -26,7 +26,6 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
 import scenes  # noqa: E402
 
-
 N_XI = 49
 """systematic parameters of eight cables"""
 
@@ -56,7 +55,9 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
 def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
     free = [True] * 11 + [False] * (N_XI - 11)
     options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
-    std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0})  # no unknowns beside these
+    std = recording.robot.std.model_copy(
+        update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0}
+    )  # no unknowns beside these
     noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
     still = recording.robot.model_copy(update={"std": std, "estimator": noise})
     config = reader.config_of(still, "test")

@@ -42,7 +42,7 @@ void tearDown(void)
 static void test_std_are_the_configured_ones(void)
 {
     double std[IPE_NX_MAX - IPE_NP];
-    ipe_filter_states_std(&states, std);  // when
+    ipe_filter_states_std(&states, std);                        // when
     TEST_ASSERT_EQUAL_INT(IPE_NP + 20 + 8 + 7 + 1 + 6 + 3, N);  // then
     TEST_ASSERT_EQUAL_DOUBLE(1e-3, std[0]);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, std[AT(IPE_BLOCK_CABLE_INERTIA) - IPE_NP]);
@@ -79,8 +79,8 @@ static void test_rows_of_absent_blocks_are_not_there(void)
     const ipe_filter_layout_t full = states.layout;
     config.std_force_gain = config.std_attitude_wander = config.std_imu_position = 0.0;  // given
     ipe_filter_states_init(&states, &config);
-    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
-    TEST_ASSERT_EQUAL_INT(full.n - 7 - 3 - 3, N);       // then
+    ipe_filter_states_rows(&states, &config, Y, X, H);                                   // when
+    TEST_ASSERT_EQUAL_INT(full.n - 7 - 3 - 3, N);                                        // then
     for (int b = 0; b < IPE_BLOCKS; ++b) {
         for (int j = 0; j < IPE_NY; ++j) {
             for (int i = 0; i < states.layout.count[b]; ++i) {
@@ -125,7 +125,7 @@ static void test_gains_sum_to_zero_and_their_rows_are_those_of_each_cable(void)
     ipe_filter_states_rows(&states, &config, Y, X, H);
     for (int k = 0; k < 7; ++k) {
         double sum = 0.0, square = 0.0;
-        gains_of(k, xi, std);  // when
+        gains_of(k, xi, std);                        // when
         for (int i = 0; i < 8; ++i) { sum += xi[IPE_XI_FORCE + 8 + i], square += pow(xi[IPE_XI_FORCE + 8 + i], 2.0); }
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, 0.0, sum);  // then
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, square);
@@ -140,7 +140,7 @@ static void test_gains_sum_to_zero_and_their_rows_are_those_of_each_cable(void)
 static void test_gains_are_as_unknown_as_declared_before_any_data(void)
 {
     double xi[IPE_XI_MAX], std[IPE_XI_MAX];
-    gains_of(0, xi, std);  // when
+    gains_of(0, xi, std);                                                                               // when
     for (int i = 0; i < 8; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.01, std[IPE_XI_FORCE + 8 + i]); }  // then
     for (int i = 0; i < 8; ++i) { TEST_ASSERT_EQUAL_DOUBLE(0.02, std[IPE_XI_FORCE + 16 + i]); }
     TEST_ASSERT_EQUAL_DOUBLE(0.0, std[IPE_XI_GYRO_BIAS]);  // no state of the filter
@@ -275,7 +275,7 @@ static void test_plausible_priors_stay(void)
     h[AT(IPE_BLOCK_FORCE_DELAY)] = 100.0;
     ipe_rls_update_row(&rls, h, 2.5 * 0.2 * 100.0);  // given: 2.5 sigma
     const ipe_rls_t before = rls;
-    ipe_filter_states_widen(&states, &rls);  // when
+    ipe_filter_states_widen(&states, &rls);          // when
     TEST_ASSERT_EQUAL_MEMORY(&before, &rls, sizeof rls);
     TEST_ASSERT_EQUAL_DOUBLE(0.2, states.std[IPE_BLOCK_FORCE_DELAY]);
 }

@@ -547,8 +547,8 @@ NB_MODULE(inertiad_core, m)
         .def(
             "reset", [](OwnedPipeline& p) { p.view.reset(); }, "Start the estimator again from its prior.")
         .def(
-            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); }, "bias"_a,
-            "Use this gyro bias [3], I axes, rad/s, from the next row on.")
+            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); },
+            "bias"_a, "Use this gyro bias [3], I axes, rad/s, from the next row on.")
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 

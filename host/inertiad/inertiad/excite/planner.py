@@ -26,6 +26,7 @@ LONGEST = 120.0
 FINE_RATE = 50.0
 """Hz at which a found motion is checked against the limits"""
 
+
 @dataclass(frozen=True)
 class Plan:
     """A motion and what a run of it will report."""

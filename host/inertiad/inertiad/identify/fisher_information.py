@@ -63,7 +63,9 @@ class Model:
     @cached_property
     def E(self) -> Array:
         """d(mass, cog, inertia_cog) / d(states) [10, n], states about the IMU."""
-        planned = next(first for name, first, _ in inertiad_core.systematic_groups(self.robot.n_cables) if name == "friction")
+        planned = next(
+            first for name, first, _ in inertiad_core.systematic_groups(self.robot.n_cables) if name == "friction"
+        )
         n_x = 10 + planned  # friction needs speeds of cables, which instants do not have
         back = -np.array(self.robot.imu.position)
         shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])

@@ -70,7 +70,9 @@ def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
     """Of one run's windows, with the calibration that was estimated along."""
     rows, m = run.rows, run.robot.n_cables
     if estimate.xi is not None:
-        rows = inertiad_core.undelayed(rows, *(float(estimate.xi[fit.indices(m, name)][0]) for name in ("position_delay", "force_delay")))
+        rows = inertiad_core.undelayed(
+            rows, *(float(estimate.xi[fit.indices(m, name)][0]) for name in ("position_delay", "force_delay"))
+        )
         config = inertiad_core.calibrated(config, estimate.xi)
     windows = inertiad_core.Windows(config, rows)
     e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
