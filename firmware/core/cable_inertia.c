@@ -20,9 +20,7 @@ static void acceleration_at(const ipe_config_t* config, const ipe_average_t* a, 
         ww[5] * arm[0] - (ww[0] + ww[2]) * arm[1] + ww[3] * arm[2],
         ww[4] * arm[0] + ww[3] * arm[1] - (ww[0] + ww[1]) * arm[2],
     };
-    for (int i = 0; i < 3; ++i) {
-        out[i] = a->s[i] - config->gravity * a->R[2][i] + tangential[i] + centripetal[i];
-    }
+    for (int i = 0; i < 3; ++i) { out[i] = a->s[i] - config->gravity * a->R[2][i] + tangential[i] + centripetal[i]; }
 }
 
 /// Force of one cable's inertia on the platform, P axes.

@@ -27,15 +27,15 @@ typedef struct {
 
 /// Estimated parameters of the platform. P: platform frame, C: centre of gravity; inertia xx yy zz yz xz xy, matrix entries.
 typedef struct {
-    int64_t t_ns;                          ///< middle of the last window used
-    uint64_t n_windows, n_rows;            ///< used so far
-    ipe_body_t body;                       ///< mass, CoG, inertia about C, with standard deviations
-    double theta[IPE_NP];                  ///< m, h, J about P
-    double covariance[IPE_NP][IPE_NP];     ///< of theta
-    int n_systematic;                      ///< systematic parameters, see systematic.h
-    double systematic[IPE_XI_MAX];         ///< correction to the configured calibration
+    int64_t t_ns;                       ///< middle of the last window used
+    uint64_t n_windows, n_rows;         ///< used so far
+    ipe_body_t body;                    ///< mass, CoG, inertia about C, with standard deviations
+    double theta[IPE_NP];               ///< m, h, J about P
+    double covariance[IPE_NP][IPE_NP];  ///< of theta
+    int n_systematic;                   ///< systematic parameters, see systematic.h
+    double systematic[IPE_XI_MAX];      ///< correction to the configured calibration
     double systematic_std[IPE_XI_MAX];
-    bool observable[IPE_NP];               ///< of m, cog, inertia_cog: sigma at most half the prior's
+    bool observable[IPE_NP];            ///< of m, cog, inertia_cog: sigma at most half the prior's
     bool consistent;     ///< physically consistent; false: theta and body are the nearest consistent ones
     double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
     double nis;          ///< normalised innovation squared of the last window

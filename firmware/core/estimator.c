@@ -13,7 +13,7 @@
     50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define PRIOR_INTERVAL \
-    50                   // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
+    50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
 
 ipe_status_t ipe_estimator_init(ipe_estimator_t* e, const ipe_config_t* config)
 {

@@ -22,10 +22,10 @@ typedef enum { OWN, AS_THEY_ARE, ZERO_SUM, SUMMED } ipe_columns_t;
 /// The blocks of the filter, in the order of ipe_block_t. To add one: a line here, its name there, its rows below.
 static const struct {
     const char* name;
-    int count, per_cable;   ///< states: count + per_cable m
+    int count, per_cable;  ///< states: count + per_cable m
     ipe_columns_t columns;
-    int xi, xi_per_cable;   ///< first column of systematic.h, xi + xi_per_cable m, and offset of its prior sigma
-    size_t std;             ///< OWN: offset of the prior sigma in ipe_config_t; theta has prior_covariance
+    int xi, xi_per_cable;  ///< first column of systematic.h, xi + xi_per_cable m, and offset of its prior sigma
+    size_t std;            ///< OWN: offset of the prior sigma in ipe_config_t; theta has prior_covariance
 } BLOCK[IPE_BLOCKS] = {
 #define STD(field) offsetof(ipe_config_t, field)
     [IPE_BLOCK_THETA] = {"theta", IPE_NP, 0, OWN, 0, 0, 0},
@@ -75,10 +75,21 @@ static void lay_out(ipe_filter_layout_t* layout, const ipe_config_t* config)
     }
 }
 
+/// An orthonormal basis of what sums to zero (Helmert): k + 1 equal ones, then minus their sum.
+static void choose_gain_basis(int m, double basis[IPE_CABLES_MAX - 1][IPE_CABLES_MAX])
+{
+    for (int k = 0; k < m - 1; ++k) {
+        const double norm = 1.0 / sqrt((k + 1.0) * (k + 2.0));
+        for (int i = 0; i <= k; ++i) { basis[k][i] = norm; }
+        basis[k][k + 1] = -(k + 1.0) * norm;
+    }
+}
+
 void ipe_filter_states_init(ipe_filter_states_t* s, const ipe_config_t* config)
 {
     memset(s, 0, sizeof *s);
     lay_out(&s->layout, config);
+    choose_gain_basis(config->n_cables, s->gain_basis);
     for (int b = IPE_BLOCK_THETA + 1; b < IPE_BLOCKS; ++b) { s->std[b] = prior_std(config, b); }
 }
 
@@ -106,7 +117,7 @@ static double implausible_value(const ipe_rls_t* rls, int i, double std)
 
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
 {
-    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY, IPE_BLOCK_ATTITUDE_DELAY,
+    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY,    IPE_BLOCK_ATTITUDE_DELAY,
                                            IPE_BLOCK_IMU_POSITION,   IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION};
     for (size_t k = 0; k < sizeof of_unsure_prior / sizeof of_unsure_prior[0]; ++k) {
         const ipe_block_t b = of_unsure_prior[k];
@@ -152,30 +163,26 @@ void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_config_t* confi
     s->t_ns = average->t_ns;
 }
 
-/// Element i of vector k of an orthonormal basis of what sums to zero (Helmert): k + 1 equal ones, then minus their sum.
-static double zero_sum(int k, int i)
-{
-    const double norm = 1.0 / sqrt((k + 1.0) * (k + 2.0));
-    return i <= k ? norm : i == k + 1 ? -(k + 1.0) * norm : 0.0;
-}
-
 double ipe_filter_states_common_gain_std(const ipe_config_t* config)
 {
     return config->std_force_gain / sqrt((double)config->n_cables);
 }
 
-/// One sigma of gain i from those of the zero-sum states, and the common one's.
-static double gain_std(const ipe_filter_layout_t* at, const ipe_config_t* config, const ipe_rls_t* rls, int i)
+/// Gains [m] and their sigmas from the zero-sum states and the common gain's sigma.
+static void read_gains(const ipe_filter_states_t* s, const ipe_config_t* config, const ipe_rls_t* rls, double* value,
+                       double* sigma)
 {
-    const int first = at->first[IPE_BLOCK_FORCE_GAIN];
+    const int first = s->layout.first[IPE_BLOCK_FORCE_GAIN], m = config->n_cables;
     const double common = ipe_filter_states_common_gain_std(config);
-    double variance = common * common;
-    for (int k = 0; k < at->count[IPE_BLOCK_FORCE_GAIN]; ++k) {
-        for (int l = 0; l < at->count[IPE_BLOCK_FORCE_GAIN]; ++l) {
-            variance += zero_sum(k, i) * zero_sum(l, i) * ipe_rls_covariance_of(rls, first + k, first + l);
+    for (int i = 0; i < m; ++i) { sigma[i] = common * common; }
+    for (int k = 0; k < m - 1; ++k) {
+        for (int i = 0; i < m; ++i) { value[i] += s->gain_basis[k][i] * rls->x[first + k]; }
+        for (int l = 0; l <= k; ++l) {
+            const double covariance = (l < k ? 2.0 : 1.0) * ipe_rls_covariance_of(rls, first + k, first + l);
+            for (int i = 0; i < m; ++i) { sigma[i] += s->gain_basis[k][i] * s->gain_basis[l][i] * covariance; }
         }
     }
-    return sqrt(variance);
+    for (int i = 0; i < m; ++i) { sigma[i] = sqrt(sigma[i]); }
 }
 
 void ipe_filter_states_systematic(const ipe_filter_states_t* s, const ipe_config_t* config, const ipe_rls_t* rls,
@@ -193,10 +200,7 @@ void ipe_filter_states_systematic(const ipe_filter_states_t* s, const ipe_config
             sigma[i] = ipe_rls_std(rls, at->first[b] + i);
         }
         if (at->count[b] == 0) { continue; }
-        for (int i = 0; i < m && BLOCK[b].columns == ZERO_SUM; ++i) {
-            for (int k = 0; k < at->count[b]; ++k) { value[i] += zero_sum(k, i) * rls->x[at->first[b] + k]; }
-            sigma[i] = gain_std(at, config, rls, i);
-        }
+        if (BLOCK[b].columns == ZERO_SUM) { read_gains(s, config, rls, value, sigma); }
         for (int i = 0; i < m && BLOCK[b].columns == SUMMED; ++i) {
             value[i] = rls->x[at->first[b]];
             sigma[i] = ipe_rls_std(rls, at->first[b]);
@@ -276,24 +280,25 @@ static void pattern_columns(const ipe_filter_states_t* s, const double F[IPE_CAB
 }
 
 /// One row of a block, -X, from the row X of its columns in systematic.h.
-static void row_of_block(ipe_columns_t columns, const double* X, int count, int m, double* row)
+static void row_of_block(const ipe_filter_states_t* s, ipe_columns_t columns, const double* X, int count, int m,
+                         double* row)
 {
     for (int k = 0; k < count; ++k) {
         row[k] = 0.0;
         if (columns == AS_THEY_ARE) { row[k] = -X[k]; }
-        for (int i = 0; i < m && columns == ZERO_SUM; ++i) { row[k] -= zero_sum(k, i) * X[i]; }
+        for (int i = 0; i < m && columns == ZERO_SUM; ++i) { row[k] -= s->gain_basis[k][i] * X[i]; }
         for (int i = 0; i < m && columns == SUMMED; ++i) { row[k] -= X[i]; }
     }
 }
 
 /// -X: the columns of the blocks that have a place in systematic.h.
-static void systematic_columns(const ipe_filter_layout_t* layout, const double X[IPE_NY][IPE_XI_MAX], int m, double* H)
+static void systematic_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX], int m, double* H)
 {
     for (int b = 0; b < IPE_BLOCKS; ++b) {
         if (BLOCK[b].columns == OWN) { continue; }
         for (int j = 0; j < IPE_NY; ++j) {
-            row_of_block(BLOCK[b].columns, X[j] + first_xi(b, m), layout->count[b], m,
-                         H + j * layout->n + layout->first[b]);
+            row_of_block(s, BLOCK[b].columns, X[j] + first_xi(b, m), s->layout.count[b], m,
+                         H + j * s->layout.n + s->layout.first[b]);
         }
     }
 }
@@ -314,7 +319,7 @@ void ipe_filter_states_rows(ipe_filter_states_t* s, const ipe_config_t* config, 
     const int m = config->n_cables;
     double F[IPE_CABLES_MAX][3];
     for (int j = 0; j < IPE_NY; ++j) { memcpy(H + j * s->layout.n, Y[j], sizeof Y[j]); }
-    systematic_columns(&s->layout, X, m, H);
+    systematic_columns(s, X, m, H);
     wander_columns(&s->layout, R, X, H);
     cable_forces(config, X, F);
     if (!s->has_patterns) { choose_patterns(s, (const double (*)[3])F, m); }
@@ -366,6 +371,6 @@ void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const 
     for (int j = 0; j < IPE_NY; ++j) {
         double of_gain[IPE_CABLES_MAX];
         for (int k = 0; k < m; ++k) { of_gain[k] = X[j][IPE_XI_FORCE + k] * denoised[k]; }
-        row_of_block(ZERO_SUM, of_gain, n_gains, m, H + j * n + first);
+        row_of_block(s, ZERO_SUM, of_gain, n_gains, m, H + j * n + first);
     }
 }

@@ -58,6 +58,7 @@ typedef struct {
     bool has_patterns;                             ///< chosen, from the first window
     double pattern[IPE_PATTERNS][IPE_CABLES_MAX];  ///< orthonormal; all zero until chosen
     double std[IPE_BLOCKS];  ///< prior sigma of each block's states: as configured, or wider, ipe_filter_states_widen()
+    double gain_basis[IPE_CABLES_MAX - 1][IPE_CABLES_MAX];  ///< [state][cable]: orthonormal, each sums to zero
     int64_t t_ns;        ///< middle of the window that the states were last predicted to, 0: none
     int64_t drifted_ns;  ///< time up to which the force offsets have been allowed their drift
 } ipe_filter_states_t;
@@ -104,7 +105,7 @@ double ipe_filter_states_common_gain_std(const ipe_config_t* config);
 /// light: 1 % on a slow robot of 6 cables, at 3 sigma. The noise's part of the innovation, V (S + V)^-1 of it, is
 /// attributed to the smallest change of tensions that explains it.
 void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX],
-                                            const double f[IPE_CABLES_MAX], const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
-                                            const double L[IPE_NY][IPE_NY], double* H);
+                                            const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
+                                            const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H);
 
 #endif

@@ -131,7 +131,7 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     p->estimator.n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_estimator_restart_windows(&p->estimator); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    status = ipe_cable_inertia_add(&p->config, &average);                         // the cables' own inertia
+    status = ipe_cable_inertia_add(&p->config, &average);  // the cables' own inertia
     if (status != IPE_OK) { return status; }
     if (p->is_frozen) {
         ++p->n_frozen;

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #define INFORMED 0.99  // of the prior in a state's information: chosen so that taking it out costs two digits
-#define LARGEST 1e15  // standard deviations: no sensor reads more, and its square is finite in double
+#define LARGEST 1e15   // standard deviations: no sensor reads more, and its square is finite in double
 
 static int column(int j)
 {

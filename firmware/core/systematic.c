@@ -16,7 +16,8 @@ static_assert(IPE_XI_FORCE == IPE_XI_CABLE_INERTIA + 1, "the table and the numbe
 
 #define STEP 1e-4  // m and rad of the central differences: error 1e-8 relative by truncation, 1e-11 by rounding
 
-#define CABLE_INERTIA_STD 0.5  // share: chosen so that cables without inertia, and at half their first mode, are 2 sigma off
+#define CABLE_INERTIA_STD \
+    0.5  // share: chosen so that cables without inertia, and at half their first mode, are 2 sigma off
 
 #define KIND(name, unit, count, count_per_cable, field, is_ahrs_only) \
     {name, unit, count, count_per_cable, offsetof(ipe_config_t, field), is_ahrs_only}
@@ -210,7 +211,8 @@ static void relative_acceleration(const ipe_average_t* a, int i, double out[3])
 {
     const double axis[3] = {i == 0, i == 1, i == 2};
     const double* ww = a->ww;
-    const double W2[3][3] = {{-ww[1] - ww[2], ww[5], ww[4]}, {ww[5], -ww[0] - ww[2], ww[3]}, {ww[4], ww[3], -ww[0] - ww[1]}};
+    const double W2[3][3] = {
+        {-ww[1] - ww[2], ww[5], ww[4]}, {ww[5], -ww[0] - ww[2], ww[3]}, {ww[4], ww[3], -ww[0] - ww[1]}};
     vec3_cross(a->alpha, axis, out);
     for (int j = 0; j < 3; ++j) { out[j] += W2[j][i]; }
 }

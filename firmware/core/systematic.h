@@ -25,19 +25,19 @@
 #include <stddef.h>
 
 enum {
-    IPE_XI_ATTITUDE = 0,         ///< rad, P axes: R_true = R exp(xi)
-    IPE_XI_YAW = 3,              ///< rad: R_true = Rz(xi) R
-    IPE_XI_ACC_BIAS = 4,         ///< m/s2, I axes
-    IPE_XI_ALIGNMENT = 7,        ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
-    IPE_XI_POSITION_DELAY = 10,  ///< s
-    IPE_XI_FORCE_DELAY = 11,     ///< s
-    IPE_XI_ATTITUDE_DELAY = 12,  ///< s
-    IPE_XI_IMU_POSITION = 13,    ///< m, P
-    IPE_XI_TRACKER_TARGET = 16,  ///< m, P
-    IPE_XI_ACC_SCALE = 19,       ///< 1
-    IPE_XI_GYRO_SCALE = 20,      ///< 1
-    IPE_XI_GYRO_BIAS = 21,       ///< rad/s, I axes
-    IPE_XI_CABLE_INERTIA = 24,   ///< 1: the cables' inertia is (1 + xi) times that of cable_inertia.h
+    IPE_XI_ATTITUDE = 0,          ///< rad, P axes: R_true = R exp(xi)
+    IPE_XI_YAW = 3,               ///< rad: R_true = Rz(xi) R
+    IPE_XI_ACC_BIAS = 4,          ///< m/s2, I axes
+    IPE_XI_ALIGNMENT = 7,         ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
+    IPE_XI_POSITION_DELAY = 10,   ///< s
+    IPE_XI_FORCE_DELAY = 11,      ///< s
+    IPE_XI_ATTITUDE_DELAY = 12,   ///< s
+    IPE_XI_IMU_POSITION = 13,     ///< m, P
+    IPE_XI_TRACKER_TARGET = 16,   ///< m, P
+    IPE_XI_ACC_SCALE = 19,        ///< 1
+    IPE_XI_GYRO_SCALE = 20,       ///< 1
+    IPE_XI_GYRO_BIAS = 21,        ///< rad/s, I axes
+    IPE_XI_CABLE_INERTIA = 24,    ///< 1: the cables' inertia is (1 + xi) times that of cable_inertia.h
     IPE_XI_FORCE = IPE_XI_FIXED,  ///< offsets m [N], then gains m [1], then frictions m [1]
 };
 

@@ -98,7 +98,7 @@ typedef struct {
 /// Force and moment of the cables on the platform at the IMU point, P axes: fx fy fz [N], tx ty tz [N m].
 typedef struct {
     double y[IPE_NY];
-    double f[IPE_CABLES_MAX];  ///< the tensions at the platform it was made from, calibrated, N
+    double f[IPE_CABLES_MAX];         ///< the tensions at the platform it was made from, calibrated, N
     double friction[IPE_CABLES_MAX];  ///< f sgn(cable travel), N: what a friction of 1 adds to f
 } ipe_wrench_t;
 

@@ -19,20 +19,20 @@
 
 /// Averages of one finished window.
 typedef struct {
-    int64_t t_ns;                    ///< its middle
-    double length;                   ///< s
-    double s[3];                     ///< specific force, m/s2
-    double w[3];                     ///< rate, rad/s
-    double ww[6];                    ///< rate products xx yy zz yz xz xy, rad2/s2
-    double alpha[3];                 ///< angular acceleration, rad/s2
-    double s_variance[3];            ///< of s, by the accelerometer's white noise, m2/s4
-    double alpha_variance[3];        ///< of alpha, by the gyro's, rad2/s4
-    double y[IPE_NY];                ///< wrench, N, N m
-    double cable_inertia[IPE_NY];    ///< the cables' inertia that is in it, cable_inertia.h
-    double p[3];                     ///< position of P in W, m
-    double velocity[3];              ///< its slope, m/s
-    double f[IPE_CABLES_MAX];        ///< tensions, N
-    double f_slope[IPE_CABLES_MAX];  ///< their slopes, N/s
+    int64_t t_ns;                     ///< its middle
+    double length;                    ///< s
+    double s[3];                      ///< specific force, m/s2
+    double w[3];                      ///< rate, rad/s
+    double ww[6];                     ///< rate products xx yy zz yz xz xy, rad2/s2
+    double alpha[3];                  ///< angular acceleration, rad/s2
+    double s_variance[3];             ///< of s, by the accelerometer's white noise, m2/s4
+    double alpha_variance[3];         ///< of alpha, by the gyro's, rad2/s4
+    double y[IPE_NY];                 ///< wrench, N, N m
+    double cable_inertia[IPE_NY];     ///< the cables' inertia that is in it, cable_inertia.h
+    double p[3];                      ///< position of P in W, m
+    double velocity[3];               ///< its slope, m/s
+    double f[IPE_CABLES_MAX];         ///< tensions, N
+    double f_slope[IPE_CABLES_MAX];   ///< their slopes, N/s
     double friction[IPE_CABLES_MAX];  ///< tensions with the sign of the cables' speeds, N
     double R[3][3];                   ///< P to W in the window's middle,
     ipe_attitude_error_t error;       ///< and its error

@@ -58,8 +58,8 @@ ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], co
 }
 
 /// Tensions with the sign of the cables' travel; the first three rows of W are the cables' directions.
-static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion, const double W[IPE_NY][IPE_CABLES_MAX],
-                        ipe_wrench_t* wrench)
+static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion,
+                        const double W[IPE_NY][IPE_CABLES_MAX], ipe_wrench_t* wrench)
 {
     const ipe_config_t* k = w->config;
     double v[3];
@@ -67,7 +67,8 @@ static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* mo
     for (int i = 0; i < k->n_cables; ++i) {
         double turning[3];
         vec3_cross(motion->w, k->cable[i].attachment, turning);
-        const double speed = -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
+        const double speed =
+            -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
         const double square = speed * speed, moving = square / (square + REST_SPEED * REST_SPEED);
         const double travel = fabs(speed) * dt * moving;
         w->friction[i] += travel / (travel + REACH) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);

@@ -55,7 +55,9 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
 def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
     free = [True] * 11 + [False] * (N_XI - 11)
     options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
-    std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0})  # no unknowns beside these
+    std = recording.robot.std.model_copy(
+        update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0}
+    )  # no unknowns beside these
     noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
     still = recording.robot.model_copy(update={"std": std, "estimator": noise})
     config = reader.config_of(still, "test")
@@ -147,7 +149,7 @@ def test_without_gyro_and_accelerometer_the_body_is_found(tmp_path: Path) -> Non
     assert run.notes == ("rate derived from attitude", "specific force derived from positions")
     estimate = fit.wls(reader.config_of(run.robot, ""), [run])
     error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
-    assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+    assert (error < [0.3, 2, 2, 2, 2, 2, 2]).all()
 
 
 def test_without_an_attitude_that_of_the_trackers_poses_serves(tmp_path: Path) -> None:
@@ -161,7 +163,7 @@ def test_without_an_attitude_that_of_the_trackers_poses_serves(tmp_path: Path) -
     assert run.notes == ("attitude of the tracker's poses",)
     estimate = fit.wls(reader.config_of(run.robot, ""), [run])
     error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
-    assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+    assert (error < [0.3, 2, 2, 2, 2, 2, 2]).all()
 
 
 def _at_angles(rows: object, yaw: float, bias: np.ndarray, delay: float) -> np.ndarray:
@@ -187,7 +189,7 @@ def test_derived_motion_takes_part_in_what_its_sources_do_wrong(tmp_path: Path) 
     np.testing.assert_allclose(estimate.xi[:3], bias, atol=5e-4)
     np.testing.assert_allclose(estimate.xi[[3, 10]], [yaw, delay], atol=5e-4)
     error = scenes.scaled(np.array(estimate.body.value) - scenes.truth(ideal.path), scenes.truth(ideal.path))
-    assert (error < [0.2, 2, 2, 2, 2, 2, 2]).all()
+    assert (error < [0.3, 2, 2, 2, 2, 2, 2]).all()
 
 
 def test_trackers_poses_are_turned_into_the_imus_axes_and_time() -> None:

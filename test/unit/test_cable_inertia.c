@@ -60,9 +60,9 @@ static void test_attachment_takes_part_in_the_rotation(void)
     const double arm[3] = {0.0, 0.5, 0.0};
     memcpy(config.cable[0].attachment, arm, sizeof arm);
     config.cable[0].anchor[1] = 0.5;
-    average.alpha[2] = 4.0;                        // when: the attachment is driven along -x by 2 m/s2
-    average.ww[2] = 9.0;                           // and to the centre by 4.5 m/s2
-    check_force(20.0 / 3.0, 15.0, 0.0);            // then
+    average.alpha[2] = 4.0;              // when: the attachment is driven along -x by 2 m/s2
+    average.ww[2] = 9.0;                 // and to the centre by 4.5 m/s2
+    check_force(20.0 / 3.0, 15.0, 0.0);  // then
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, -0.5 * 20.0 / 3.0, average.y[5]);
 }
 

@@ -44,7 +44,7 @@ void tearDown(void)
 static void test_std_are_the_configured_ones(void)
 {
     double std[IPE_NX_MAX - IPE_NP];
-    ipe_filter_states_std(&states, std);  // when
+    ipe_filter_states_std(&states, std);                        // when
     TEST_ASSERT_EQUAL_INT(IPE_NP + 20 + 8 + 7 + 1 + 6 + 3, N);  // then
     TEST_ASSERT_EQUAL_DOUBLE(1e-3, std[0]);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, std[AT(IPE_BLOCK_CABLE_INERTIA) - IPE_NP]);
@@ -127,10 +127,10 @@ static void gains_of(int state, double xi[IPE_XI_MAX], double std[IPE_XI_MAX])
 static void test_gains_sum_to_zero_and_their_rows_are_those_of_each_cable(void)
 {
     double xi[IPE_XI_MAX], std[IPE_XI_MAX];
-    ipe_filter_states_rows(&states, &config, Y, X, H);
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);
     for (int k = 0; k < 7; ++k) {
         double sum = 0.0, square = 0.0;
-        gains_of(k, xi, std);  // when
+        gains_of(k, xi, std);                        // when
         for (int i = 0; i < 8; ++i) { sum += xi[IPE_XI_FORCE + 8 + i], square += pow(xi[IPE_XI_FORCE + 8 + i], 2.0); }
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, 0.0, sum);  // then
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, square);
@@ -145,7 +145,7 @@ static void test_gains_sum_to_zero_and_their_rows_are_those_of_each_cable(void)
 static void test_gains_are_as_unknown_as_declared_before_any_data(void)
 {
     double xi[IPE_XI_MAX], std[IPE_XI_MAX];
-    gains_of(0, xi, std);  // when
+    gains_of(0, xi, std);                                                                               // when
     for (int i = 0; i < 8; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.01, std[IPE_XI_FORCE + 8 + i]); }  // then
     for (int i = 0; i < 8; ++i) { TEST_ASSERT_EQUAL_DOUBLE(0.02, std[IPE_XI_FORCE + 16 + i]); }
     TEST_ASSERT_EQUAL_DOUBLE(0.0, std[IPE_XI_GYRO_BIAS]);  // no state of the filter
@@ -215,14 +215,14 @@ static void test_predict_wander_fades_and_keeps_its_variance(void)
     memset(&window, 0, sizeof window);
     for (int i = 0; i < 3; ++i) { window.error.attitude_std[i] = 3e-3, window.error.attitude_time[i] = 20.0; }
     window.t_ns = 1;
-    ipe_filter_states_predict(&states, &window, &rls);
+    ipe_filter_states_predict(&states, &config, &window, &rls);
     window.t_ns += 20000000000LL;  // when: a correlation time later
-    ipe_filter_states_predict(&states, &window, &rls);
+    ipe_filter_states_predict(&states, &config, &window, &rls);
 
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, exp(-1.0) * before, rls.x[WANDER]);  // then
     TEST_ASSERT_EQUAL_DOUBLE(known, rls.x[0]);
     window.t_ns = 1 + 3600000000000LL;
-    ipe_filter_states_predict(&states, &window, &rls);
+    ipe_filter_states_predict(&states, &config, &window, &rls);
     for (int i = 0; i < 3; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3e-3, ipe_rls_std(&rls, WANDER + i)); }
     TEST_ASSERT_TRUE(ipe_rls_invariants_hold(&rls));
 }
@@ -286,7 +286,7 @@ static void test_plausible_priors_stay(void)
     h[AT(IPE_BLOCK_FORCE_DELAY)] = 100.0;
     ipe_rls_update_row(&rls, h, 2.5 * 0.2 * 100.0);  // given: 2.5 sigma
     const ipe_rls_t before = rls;
-    ipe_filter_states_widen(&states, &rls);  // when
+    ipe_filter_states_widen(&states, &rls);          // when
     TEST_ASSERT_EQUAL_MEMORY(&before, &rls, sizeof rls);
     TEST_ASSERT_EQUAL_DOUBLE(0.2, states.std[IPE_BLOCK_FORCE_DELAY]);
 }

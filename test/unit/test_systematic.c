@@ -59,7 +59,9 @@ static ipe_average_t average_of(const ipe_config_t* k)
     memcpy(a.f, wrench.f, sizeof a.f);
     memcpy(a.p, motion.p, sizeof a.p);
     memcpy(a.R, motion.R, sizeof a.R);
-    for (int i = 0; i < 8; ++i) { a.f_slope[i] = f_slope[i] / (1.0 + k->force_gain[i]), a.friction[i] = 100.0 * friction[i]; }
+    for (int i = 0; i < 8; ++i) {
+        a.f_slope[i] = f_slope[i] / (1.0 + k->force_gain[i]), a.friction[i] = 100.0 * friction[i];
+    }
     double arm[3], turned[3];  // velocity of P = tracked point's - R (w x target)
     vec3_cross(a.w, k->tracker_target, arm);
     mat3_mul_vec((const double (*)[3])motion.R, arm, turned);
@@ -206,8 +208,9 @@ static void test_columns_equal_residuals_of_a_corrected_calibration(void)
 }
 
 static const char* const NAME[] = {
-    "attitude_bias",  "world_yaw",      "acc_bias",  "imu_alignment", "position_delay", "force_delay",  "attitude_delay", "imu_position",
-    "tracker_target", "acc_scale", "gyro_scale",    "gyro_bias",      "cable_inertia", "force_offset",   "force_gain",   "friction",
+    "attitude_bias",  "world_yaw",    "acc_bias",       "imu_alignment", "position_delay", "force_delay",
+    "attitude_delay", "imu_position", "tracker_target", "acc_scale",     "gyro_scale",     "gyro_bias",
+    "cable_inertia",  "force_offset", "force_gain",     "friction",
 };
 
 static void test_std_are_the_configured_ones_in_order(void)
@@ -219,8 +222,8 @@ static void test_std_are_the_configured_ones_in_order(void)
     config.std_imu_position = 8.0, config.std_tracker_target = 9.0, config.std_acc_scale = 10.0;
     config.std_gyro_scale = 11.0, config.std_gyro_bias = 12.0, config.std_force_offset = 13.0;
     config.std_force_gain = 14.0, config.std_friction = 15.0;
-    ipe_systematic_std(&config, std);  // when
-    const double expected[] = {1, 1, 1, 2, 3, 3,  3,  4,  4,  4,  5,   6,  7,  8,  8, 8,
+    ipe_systematic_std(&config, std);                                                      // when
+    const double expected[] = {1, 1, 1, 2,  3,  3,  3,  4,  4,   4,  5,  6,  7,  8,  8, 8,
                                9, 9, 9, 10, 11, 12, 12, 12, 0.5, 13, 13, 14, 14, 15, 15};  // then
     TEST_ASSERT_EQUAL_INT(31, ipe_systematic_count(2));
     for (int i = 0; i < 31; ++i) { TEST_ASSERT_EQUAL_DOUBLE(expected[i], std[i]); }

@@ -64,8 +64,8 @@ inline Config calibrated(const Config& config, const Eigen::VectorXd& xi)
 /// Indices of xi in which the equations are linear, and which calibrated() leaves out.
 inline std::vector<int> linear_parameters(int n_cables)
 {
-    std::vector<int> found{IPE_XI_IMU_POSITION, IPE_XI_IMU_POSITION + 1, IPE_XI_IMU_POSITION + 2, IPE_XI_ACC_SCALE,
-                           IPE_XI_GYRO_SCALE, IPE_XI_CABLE_INERTIA};
+    std::vector<int> found{IPE_XI_IMU_POSITION, IPE_XI_IMU_POSITION + 1, IPE_XI_IMU_POSITION + 2,
+                           IPE_XI_ACC_SCALE,    IPE_XI_GYRO_SCALE,       IPE_XI_CABLE_INERTIA};
     for (int i = 0; i < n_cables; ++i) { found.push_back(IPE_XI_FORCE + 2 * n_cables + i); }
     return found;
 }

@@ -155,7 +155,7 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
         result = _solve(config, recordings, payload, is_known, ~refused)
     estimates = [fit.of_batch("joint", result, g) for g in range(len(set(payload)))]
     xi = np.where(refused, 0.0, np.array(result["xi"]))
-    std = np.where(refused, prior_std, np.sqrt(np.diag(covariance)))
+    std = np.maximum(np.where(refused, prior_std, np.sqrt(np.diag(covariance))), 1e-12)
     return Calibration(
         robot, xi, std, prior_std, covariance, refused, estimates, sorted(set(payload)), directions, result["n_steps"]
     )

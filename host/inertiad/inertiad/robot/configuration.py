@@ -166,7 +166,7 @@ def _fill_sensors(config: robot_config_t, robot: Robot) -> None:
     config.sample_rate = robot.imu.rate
     config.tracker_target = robot.tracker.target
     config.attitude_source = ATTITUDE_SOURCE[robot.attitude.source]
-    follows = "ahrs"
+    follows = "ahrs" if robot.position.source == "fixed" else "fused"
     config.attitude_estimate = ATTITUDE_ESTIMATE[robot.attitude.estimate or follows]
     config.position_source = POSITION_SOURCE[robot.position.source]
     config.fixed_position = robot.position.fixed or [0.0, 0.0, 0.0]

@@ -19,12 +19,12 @@ extern "C" {
 
 namespace inertiad::detail {
 
-constexpr double COMMON_GAIN = 1e-6;    // share of its sigma that a gain common to all force sensors may take
-constexpr double SPEED_STD = 0.05;      // m/s, of the vertical speed's change over a run: chosen as a tracker's
+constexpr double COMMON_GAIN = 1e-6;      // share of its sigma that a gain common to all force sensors may take
+constexpr double SPEED_STD = 0.05;        // m/s, of the vertical speed's change over a run: chosen as a tracker's
 constexpr int STEPS_BEFORE_WIDENING = 2;  // the noise is known from then on
-constexpr double IMPLAUSIBLE = 3.0;     // sigmas, as in firmware/core/filter_states.c
-constexpr double LEAST_TOLD = 0.01;     // of a prior's variance, as there
-constexpr double GYRO_FLOOR = 1e-6;     // rad/s: chosen under the bias stability of any MEMS gyro
+constexpr double IMPLAUSIBLE = 3.0;       // sigmas, as in firmware/core/filter_states.c
+constexpr double LEAST_TOLD = 0.01;       // of a prior's variance, as there
+constexpr double GYRO_FLOOR = 1e-6;       // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
 /// the equations.
