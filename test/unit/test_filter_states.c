@@ -236,8 +236,9 @@ static void test_predict_offsets_drift_with_time(void)
     config.std_force_offset_drift = 0.3;
     ipe_filter_states_std(&states, std);
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_rls_init(&rls, theta, (const double (*)[IPE_NP])P, N - IPE_NP, std));
-    for (int k = 0; k <= 1000; ++k) {  // when: 100 s
-        ipe_filter_states_predict(&states, &config, 1 + 100000000LL * k, &rls);
+    ipe_average_t window = {.t_ns = 1};
+    for (int k = 0; k <= 1000; ++k, window.t_ns += 100000000LL) {  // when: 100 s
+        ipe_filter_states_predict(&states, &config, &window, &rls);
     }
     for (int i = 0; i < 8; ++i) {  // then
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(25.0 + 0.09 * 100.0), ipe_rls_std(&rls, AT(IPE_BLOCK_FORCE_OFFSET) + i));
