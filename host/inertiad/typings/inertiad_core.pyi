@@ -38,6 +38,11 @@ def regressor(s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='
     Y [N,6,10] from specific force, rate and angular acceleration [N,3] at the reference point. regressor.h
     """
 
+def cable_inertia(config: Config, s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], w: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alpha: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)]) -> NDArray[numpy.float64]:
+    """
+    Wrench [N,6] at the IMU, P axes, of the cables' own inertia in motions of the IMU point. cable_inertia.h
+    """
+
 def shift(theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], d: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')]) -> Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]:
     """theta [10] about the point (old - d [3]). body.h"""
 
@@ -71,7 +76,7 @@ def planned_windows(config: Config, rate: float, s: Annotated[NDArray[numpy.floa
     """
 
 def planned_instants(config: Config, s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], w: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alpha: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], velocity: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], f: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]) -> NDArray[numpy.float64]:
-    """[Y, -X] [N,6,21+2m] of single instants. systematic.h"""
+    """[Y, -X] [N,6,34+2m] of single instants. systematic.h"""
 
 def rehearse(config: Config, rate: float, s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], w: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], f: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.float64], dict(shape=(None, 6), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]:
     """
@@ -181,14 +186,19 @@ class Windows:
         """[M,6]"""
 
     def X(self, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]) -> NDArray[numpy.float64]:
-        """[M,6,15+2m]"""
+        """[M,6,24+3m]"""
 
 def systematic_std(config: Config) -> NDArray[numpy.float64]:
-    """One sigma [15+2m] of each systematic parameter. systematic.h"""
+    """One sigma [25+3m] of each systematic parameter. systematic.h"""
 
-def systematic_table(n_cables: int) -> list[tuple[str, str, int, int, bool, bool]]:
+def systematic_table(n_cables: int) -> list[tuple[str, str, int, int, bool]]:
     """
-    (name, SI unit, first index, count, whether per cable, whether the filter carries it) of each kind of systematic parameter, in the order of xi. systematic.h
+    (name, SI unit, first index, count, whether per cable) of each kind of systematic parameter, in the order of xi. systematic.h
+    """
+
+def linear_parameters(n_cables: int) -> list[int]:
+    """
+    Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp
     """
 
 class Rows:
@@ -253,11 +263,11 @@ def undelayed(rows: Rows, position_delay: float, force_delay: float) -> Rows:
 
 def corrected_rows(config: Config, rows: Rows, xi: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')]) -> Rows:
     """
-    Rows for the configuration with corrections xi [15+2m]: delays taken out, derived motion as attitude has it.
+    Rows for the configuration with corrections xi [24+3m]: delays taken out, derived motion as attitude has it.
     """
 
 def calibrated(config: Config, xi: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')]) -> Config:
-    """The configuration with corrections xi [15+2m]."""
+    """The configuration with corrections xi [24+3m]."""
 
 def batch(config: Config, runs: Sequence[Rows], group: Sequence[int], payload: Sequence[float], is_payload_known: bool = False, payload_std: float = 0.01, is_free: Sequence[bool] = [], theta_prior: float = 1.0, n_weight_steps: int = 4) -> dict:
     """
