@@ -287,8 +287,12 @@ def _uncertainty(robot: Robot, result: dict[str, Any]) -> Uncertainty:
     information = inverse.T @ np.linalg.inv(P)[:10, :10] @ inverse
     before = inertiad_core.body(*prior(robot))
     prior_std = np.array([before["mass_std"], *before["cog_std"], *before["inertia_cog_std"]])
-    kinds = {g.name: range(10 + g.first, 10 + g.first + g.n) for g in systematic.groups(robot.n_cables)}
-    kinds["geometry"] = range(10 + len(result["xi"]), len(P))
+    place = {int(i): 10 + k for k, i in enumerate(result["free"])}  # of a free xi in P
+    kinds = {
+        g.name: [place[i] for i in range(g.first, g.first + g.n) if i in place]
+        for g in systematic.groups(robot.n_cables)
+    }
+    kinds["geometry"] = list(range(10 + len(place), len(P)))
     share = {}
     for name, part in kinds.items():
         cross = E @ P[:10, part]
@@ -350,7 +354,7 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
         _uncertainty(robot, result),
         force_check,
         [_motion(config, recording) for recording in recordings],
-        np.array(result["prior_std"])[10 : 10 + len(systematic.names(robot.n_cables))],
+        np.maximum(np.array(inertiad_core.systematic_std(config)), 1e-12),
         fit.truth_of(paths),
         _simulated(paths),
         mistakes,

@@ -41,6 +41,13 @@ ADVICE: Final = {
     "position_delay": "synchronise the tracker with the bus",
     "force_delay": "give the force frames their device time",
     "gyro_bias": "let the platform rest for some seconds in every run",
+    "attitude_delay": "give the attitude's frames their device time",
+    "imu_position": "measure the IMU's position on the platform better, and declare it in [std] imu_position",
+    "tracker_target": "measure the tracker's target on the platform better, and declare it in [std] tracker_target",
+    "acc_scale": "calibrate the accelerometer in six positions, or let a tracker measure the motion",
+    "gyro_scale": "calibrate the gyro on a turntable, or let a tracker measure the motion",
+    "cable_inertia": "weigh the cables and declare weight_per_length, or move more slowly",
+    "friction": "move all cables in both directions in every run, or measure the forces at the platform",
 }
 
 
