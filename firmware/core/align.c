@@ -11,11 +11,50 @@
 #define REORDERED_MAX 8           // samples that one may come late; chosen so that making room stays cheap
 #define DUPLICATE 8               // of the spacing, an eighth: chosen over stamp jitter; a closer sample is a copy
 #define NEIGHBOURS 2              // samples past a row's instant that the cubic needs
+#define REACH_MARGIN 0.5          // of the anchors' box, its diagonal: chosen as no platform swings further out
+#define FORCE_SPIKE_SHARE 0.1     // of the mean tension: chosen over the jolts of a platform that stops or is loaded
+#define SPIKE_QUANTA 3.0          // steps of a signal's resolution: chosen over the flicker of a coarse one
+#define POSITION_SPIKE 0.02       // m: chosen over the jitter of a tracker's stamps at 1 m/s
 #define QUATERNION_TOLERANCE 0.1  // of the norm: chosen over the rounding of 8-bit signals
 
 static int64_t to_ns(double seconds)
 {
     return (int64_t)llround(1e9 * seconds);
+}
+
+/// Where the tracked point may be. Cables have no length that is known, so there is no bound below.
+static void set_reach(ipe_align_t* a, const ipe_config_t* config)
+{
+    double low[3], high[3], size = 0.0, diagonal = 0.0;
+    memcpy(low, config->cable[0].anchor, sizeof low);
+    memcpy(high, low, sizeof high);
+    for (int i = 0; i < config->n_cables; ++i) {
+        const ipe_cable_t* cable = &config->cable[i];
+        for (int k = 0; k < 3; ++k) {
+            low[k] = fmin(low[k], cable->anchor[k]);
+            high[k] = fmax(high[k], cable->anchor[k]);
+        }
+        size = fmax(size, sqrt(vec3_dot(cable->attachment, cable->attachment)));
+    }
+    for (int k = 0; k < 3; ++k) { diagonal += (high[k] - low[k]) * (high[k] - low[k]); }
+    const double target = sqrt(vec3_dot(config->tracker_target, config->tracker_target));
+    const double margin = REACH_MARGIN * sqrt(diagonal) + size + target;
+    for (int k = 0; k < 3; ++k) { a->reach_high[k] = high[k] + margin; }
+    for (int k = 0; k < 2; ++k) { a->reach_low[k] = low[k] - margin; }
+}
+
+static void set_spike_gates(ipe_align_t* a, const ipe_config_t* config)
+{
+    double force[IPE_CABLES_MAX] = {0.0};
+    const double position[3] = {POSITION_SPIKE, POSITION_SPIKE, POSITION_SPIKE};
+    for (int i = 0; i < config->n_signals; ++i) {
+        const ipe_signal_t* signal = &config->signal[i];
+        const int cable = signal->quantity - IPE_Q_F_1;
+        if (cable < 0 || cable >= config->n_cables || signal->kind != IPE_INTEGER) { continue; }
+        force[cable] = SPIKE_QUANTA * fabs(signal->scale);
+    }
+    ipe_spike_gate_init(&a->spike_gate[IPE_FORCE], config->n_cables, force, FORCE_SPIKE_SHARE);
+    ipe_spike_gate_init(&a->spike_gate[IPE_POSITION], 3, position, 0.0);
 }
 
 void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
@@ -31,6 +70,8 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
         a->max_age_ns[s] = to_ns(config->max_age[s]);
         a->delay_ns[s] = to_ns(config->delay[s]);
     }
+    set_reach(a, config);
+    set_spike_gates(a, config);
 }
 
 static int64_t stamp(const ipe_ring_t* ring, uint64_t i)
@@ -47,6 +88,12 @@ static uint64_t oldest(const ipe_ring_t* ring)
 static uint64_t timed(const ipe_ring_t* ring)
 {
     return ring->head - ring->n_held;
+}
+
+/// One past the newest sample that rows may use.
+static uint64_t usable(const ipe_ring_t* ring)
+{
+    return timed(ring) - (ring->is_suspect ? 1 : 0);
 }
 
 /// Quaternion of the reading, normalised. False if it is not one.
@@ -130,6 +177,7 @@ static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
         ++a->n_restarts[sensor];
         if (sensor == IPE_IMU) { a->row_ns = 0; }
         ring->first = ring->cursor = ring->head;
+        ring->is_suspect = false;
         return IPE_OK;
     }
     const int64_t spacing = i > oldest(ring) + 1 ? stamp(ring, i - 1) - stamp(ring, i - 2) : 0;
@@ -149,6 +197,53 @@ static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
     return IPE_OK;
 }
 
+static const double* sample(const ipe_align_t* a, ipe_sensor_t sensor, uint64_t i)
+{
+    return sensor == IPE_FORCE ? a->force[i % IPE_RING] : a->position[i % IPE_RING];
+}
+
+/// Spacings from sample b to t, in those from a to b.
+static double spacings(const ipe_ring_t* ring, uint64_t b, int64_t t_ns)
+{
+    return (double)(t_ns - stamp(ring, b)) / (double)(stamp(ring, b) - stamp(ring, b - 1));
+}
+
+/// The newest sample is a suspect and the next one is here: was it a spike? Then it is taken out.
+static void judge_suspect(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    const uint64_t at = ring->head - 1, b = at - 1;
+    if (!ipe_spike_gate_is_spike(&a->spike_gate[sensor], sample(a, sensor, b - 1), sample(a, sensor, b),
+                                 sample(a, sensor, at), spacings(ring, b, stamp(ring, at)), value,
+                                 spacings(ring, b, t_ns))) {
+        return;
+    }
+    --ring->head;
+    ++a->n_spikes[sensor];
+}
+
+/// Before a sample of force or position is put at the ring's head: judge the suspect before it, and is it one itself?
+static void gate_spikes(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
+{
+    ipe_ring_t* ring = &a->ring[sensor];
+    if (ring->is_suspect) { judge_suspect(a, sensor, t_ns, value); }
+    ring->is_suspect = false;
+    if (ring->head < oldest(ring) + 2) { return; }
+    const uint64_t b = ring->head - 1;
+    if (t_ns - stamp(ring, b - 1) > a->max_age_ns[sensor]) { return; }
+    ring->is_suspect = ipe_spike_gate_is_suspect(&a->spike_gate[sensor], sample(a, sensor, b - 1), sample(a, sensor, b),
+                                                 value, spacings(ring, b, t_ns));
+}
+
+/// Can the cables hold the tracked point there?
+static bool is_reachable(const ipe_align_t* a, const double x[3])
+{
+    const double below = fmax(0.0, a->reach_high[2] - x[2]);
+    bool is_inside = x[2] <= a->reach_high[2];
+    for (int k = 0; k < 2; ++k) { is_inside &= x[k] >= a->reach_low[k] - below && x[k] <= a->reach_high[k] + below; }
+    return is_inside;
+}
+
 /// Is the sample usable whatever its time? q: attitude of an IMU sample.
 static ipe_status_t check_value(ipe_align_t* a, ipe_sensor_t sensor, const double* value, double q[4])
 {
@@ -159,6 +254,10 @@ static ipe_status_t check_value(ipe_align_t* a, ipe_sensor_t sensor, const doubl
     }
     if (sensor == IPE_IMU && !read_attitude(a, value + 6, q)) {
         ++a->n_bad_quaternion;
+        return IPE_ERR_RANGE;
+    }
+    if (sensor == IPE_POSITION && !is_reachable(a, value)) {
+        ++a->n_unreachable;
         return IPE_ERR_RANGE;
     }
     return IPE_OK;
@@ -172,6 +271,10 @@ ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
     ipe_status_t status = check_value(a, sensor, value, q);
     if (status == IPE_OK) { status = find_place(a, sensor, instant, &place); }
     if (status != IPE_OK) { return status; }
+    if (sensor != IPE_IMU && place == a->ring[sensor].head) {
+        gate_spikes(a, sensor, instant, value);
+        place = a->ring[sensor].head;
+    }
     open_place(a, sensor, place);
     store(a, sensor, place, value, q);
     a->ring[sensor].t_ns[place % IPE_RING] = instant;
@@ -218,6 +321,8 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
                 ++a->n_backwards[sensor];
                 continue;
             }
+            if (sensor != IPE_IMU) { gate_spikes(a, sensor, instant, sample(a, sensor, i)); }
+            place = ring->head;
             ring->t_ns[i % IPE_RING] = instant;
             ++a->n_samples[sensor];
             note_lateness(a, sensor, instant);
@@ -246,7 +351,8 @@ static bool may_wait_for(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
     const ipe_ring_t* imu = &a->ring[IPE_IMU];
     const bool is_full = imu->head - imu->cursor >= IPE_RING;
     const int64_t waited = stamp(imu, timed(imu) - 1) - t_ns;
-    return !a->is_ending && !is_full && waited <= a->max_wait_ns + NEIGHBOURS * period(a, sensor);
+    const int n_awaited = NEIGHBOURS + (a->ring[sensor].is_suspect ? 1 : 0);
+    return !a->is_ending && !is_full && waited <= a->max_wait_ns + n_awaited * period(a, sensor);
 }
 
 /// Put the ring's cursor on the sample at or before t and say whether t can be interpolated from there.
@@ -254,14 +360,14 @@ static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns)
 {
     ipe_ring_t* ring = &a->ring[sensor];
     if (ring->cursor < oldest(ring)) { ring->cursor = oldest(ring); }
-    while (ring->cursor + 1 < timed(ring) && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) {
+    while (ring->cursor + 1 < usable(ring) && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) {
         ++ring->cursor;
     }
-    if (timed(ring) == ring->first) { return may_wait_for(a, sensor, t_ns) ? WAIT : LATE; }
+    if (usable(ring) == ring->first) { return may_wait_for(a, sensor, t_ns) ? WAIT : LATE; }
     const int64_t since = t_ns - stamp(ring, ring->cursor);
     if (since < -SAME_INSTANT_NS) { return GAP; }
     if (since <= SAME_INSTANT_NS) { return FOUND; }
-    const uint64_t behind = timed(ring) - 1 - ring->cursor;
+    const uint64_t behind = usable(ring) - 1 - ring->cursor;
     if (behind < NEIGHBOURS && may_wait_for(a, sensor, t_ns)) { return WAIT; }
     if (behind < 1) { return LATE; }
     return stamp(ring, ring->cursor + 1) - stamp(ring, ring->cursor) > a->max_age_ns[sensor] ? GAP : FOUND;
@@ -279,7 +385,7 @@ static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t
     const double h01 = x * x * (3.0 - 2.0 * x), h11 = x * x * (x - 1.0);
     weight[0] = 0.0, weight[1] = h00, weight[2] = h01, weight[3] = 0.0;
     const int64_t before = i > oldest(ring) ? stamp(ring, i) - stamp(ring, i - 1) : 0;
-    const int64_t after = i + 2 < timed(ring) ? stamp(ring, i + 2) - stamp(ring, i + 1) : 0;
+    const int64_t after = i + 2 < usable(ring) ? stamp(ring, i + 2) - stamp(ring, i + 1) : 0;
     if (before > 0 && before <= a->max_age_ns[sensor]) {
         const double g = 1e-9 * (double)before;  // slope at i: parabola through i - 1, i, i + 1
         weight[0] += h10 * (-h * h / (g * (g + h)));

@@ -7,6 +7,8 @@
 /// than max_wait therefore gives the same rows as one on time, as long as max_wait is at most IPE_WAIT_MAX IMU samples
 /// (ipe_config_check). Every IMU sample becomes a row; force or position that did not come leave it without them (has_force,
 /// has_position), counted by cause.
+/// Outliers are taken out before a row can use them: positions that the cables cannot reach, and samples of force or position
+/// that are spikes, spike_gate.h. Rows that would use a suspect wait for the sample after it; others do not wait any longer.
 /// A sample may come up to 8 samples late within its own stream if no row has used its neighbours yet. Samples whose instant
 /// is not known yet are held in the ring; rows wait for them as for samples that have not come.
 /// 329 KB of state (31 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
@@ -17,6 +19,7 @@
 #include "config.h"
 #include "sample_assembler.h"
 #include "sample_timing.h"
+#include "spike_gate.h"
 #include "types.h"
 
 /// The last IPE_RING samples of one sensor; sample i is at i % IPE_RING.
@@ -25,6 +28,7 @@ typedef struct {
     uint64_t first;   ///< the oldest since the last restart
     uint64_t head;    ///< one past the newest
     unsigned n_held;  ///< of these, newest: instant not known yet
+    bool is_suspect;  ///< the newest whose instant is known may be a spike
     uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
 } ipe_ring_t;
 
@@ -41,6 +45,9 @@ typedef struct {
     double fixed_position[3];
     int64_t max_wait_ns, max_age_ns[IPE_SENSOR_COUNT], delay_ns[IPE_SENSOR_COUNT];
     bool is_ending;  ///< no more samples will come: do not wait
+    double reach_low[2], reach_high[3];  ///< W, m: the anchors' box and a margin; it widens downwards, 1 m per m
+
+    ipe_spike_gate_t spike_gate[IPE_SENSOR_COUNT];  ///< of force and position
 
     ipe_ring_t ring[IPE_SENSOR_COUNT];
     double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
@@ -57,6 +64,8 @@ typedef struct {
     uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< stamps stepped back by over a second: started again
     uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< refused: a value is NaN or Inf
     uint64_t n_bad_quaternion;               ///< IMU samples refused: quaternion's length not 1 +- 0.1
+    uint64_t n_unreachable;                  ///< positions refused: no cable reaches there
+    uint64_t n_spikes[IPE_SENSOR_COUNT];     ///< samples taken out again: spikes
     uint64_t n_rows;                         ///< IMU samples that became rows
     uint64_t n_overrun;                      ///< IMU samples lost: ring full while waiting
     uint64_t n_missing[IPE_SENSOR_COUNT];    ///< rows without this sensor: it had a gap there
@@ -67,7 +76,7 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config);
 
 /// Take one sample: t_ns host time of its stamp; value as in ipe_reading_t.
 ///
-/// IPE_OK; IPE_ERR_TIME, IPE_ERR_NONFINITE, IPE_ERR_RANGE (quaternion): refused and counted, nothing else changed.
+/// IPE_OK; IPE_ERR_TIME, IPE_ERR_NONFINITE, IPE_ERR_RANGE (quaternion, position out of reach): refused and counted, nothing else changed.
 ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
 
 /// Take one sample that was taken before host time t_ns, its stamp, but it is not known when. At most IPE_SAMPLE_TIMING_HOLD are
