@@ -11,6 +11,8 @@
 #define REORDERED_MAX 8           // samples that one may come late; chosen so that making room stays cheap
 #define DUPLICATE 8               // of the spacing, an eighth: chosen over stamp jitter; a closer sample is a copy
 #define NEIGHBOURS 2              // samples past a row's instant that the cubic needs
+#define DOUBTED_SAMPLES 10        // of force after a step: the 8 of stuck_sensor.c and the two around it
+#define STEP_SHARE 0.5            // of a force: chosen over the step of a payload that is let go
 #define REACH_MARGIN 0.5          // of the anchors' box, its diagonal: chosen as no platform swings further out
 #define FORCE_SPIKE_SHARE 0.1     // of the mean tension: chosen over the jolts of a platform that stops or is loaded
 #define SPIKE_QUANTA 3.0          // steps of a signal's resolution: chosen over the flicker of a coarse one
@@ -129,6 +131,7 @@ static void store(ipe_align_t* a, ipe_sensor_t sensor, uint64_t place, const dou
     const uint64_t at = place % IPE_RING;
     if (sensor == IPE_FORCE) {
         memcpy(a->force[at], value, sizeof(double) * (size_t)a->n_cables);
+        a->unknown[at] = (uint16_t)a->unknown_force;
     } else if (sensor == IPE_POSITION) {
         memcpy(a->position[at], value, sizeof(double) * 3);
     } else {
@@ -148,7 +151,10 @@ static void copy_sample(ipe_align_t* a, ipe_sensor_t sensor, uint64_t from, uint
     a->ring[sensor].t_ns[j] = a->ring[sensor].t_ns[i];
     switch (sensor) {
     case IPE_IMU: memcpy(a->imu[j], a->imu[i], sizeof a->imu[0]); break;
-    case IPE_FORCE: memcpy(a->force[j], a->force[i], sizeof a->force[0]); break;
+    case IPE_FORCE:
+        memcpy(a->force[j], a->force[i], sizeof a->force[0]);
+        a->unknown[j] = a->unknown[i];
+        break;
     default: memcpy(a->position[j], a->position[i], sizeof a->position[0]); break;
     }
 }
@@ -208,18 +214,33 @@ static double spacings(const ipe_ring_t* ring, uint64_t b, int64_t t_ns)
     return (double)(t_ns - stamp(ring, b)) / (double)(stamp(ring, b) - stamp(ring, b - 1));
 }
 
+/// A single force that changes by half of itself from sample b to the next is unknown for as many samples as
+/// ipe_stuck_sensor_push() needs to call it stuck. Where several do, the platform was hit.
+static void doubt_step(ipe_align_t* a, uint64_t b, uint64_t at, uint32_t stepped)
+{
+    for (int i = 0; i < a->n_cables; ++i) {
+        const double before = a->force[b % IPE_RING][i], after = a->force[at % IPE_RING][i];
+        if (stepped != 1U << (unsigned)i || fabs(after - before) < STEP_SHARE * fabs(before)) { continue; }
+        a->stepped = stepped;
+        a->n_doubted = DOUBTED_SAMPLES;
+        a->unknown[at % IPE_RING] |= (uint16_t)stepped;
+    }
+}
+
 /// The newest sample is a suspect and the next one is here: was it a spike? Then it is taken out.
 static void judge_suspect(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value)
 {
     ipe_ring_t* ring = &a->ring[sensor];
     const uint64_t at = ring->head - 1, b = at - 1;
-    if (!ipe_spike_gate_is_spike(&a->spike_gate[sensor], sample(a, sensor, b - 1), sample(a, sensor, b),
-                                 sample(a, sensor, at), spacings(ring, b, stamp(ring, at)), value,
-                                 spacings(ring, b, t_ns))) {
-        return;
+    const uint32_t stepped = ipe_spike_gate_stepped(&a->spike_gate[sensor], sample(a, sensor, b - 1),
+                                                    sample(a, sensor, b), sample(a, sensor, at),
+                                                    spacings(ring, b, stamp(ring, at)), value, spacings(ring, b, t_ns));
+    if (stepped == 0) {
+        --ring->head;
+        ++a->n_spikes[sensor];
+    } else if (sensor == IPE_FORCE) {
+        doubt_step(a, b, at, stepped & ~(uint32_t)a->unknown[b % IPE_RING]);
     }
-    --ring->head;
-    ++a->n_spikes[sensor];
 }
 
 /// Before a sample of force or position is put at the ring's head: judge the suspect before it, and is it one itself?
@@ -233,6 +254,14 @@ static void gate_spikes(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const
     if (t_ns - stamp(ring, b - 1) > a->max_age_ns[sensor]) { return; }
     ring->is_suspect = ipe_spike_gate_is_suspect(&a->spike_gate[sensor], sample(a, sensor, b - 1), sample(a, sensor, b),
                                                  value, spacings(ring, b, t_ns));
+}
+
+/// The sample of force at the ring's head comes soon after a step.
+static void doubt(ipe_align_t* a, uint64_t place)
+{
+    if (a->n_doubted == 0) { return; }
+    a->unknown[place % IPE_RING] |= (uint16_t)a->stepped;
+    --a->n_doubted;
 }
 
 /// Can the cables hold the tracked point there?
@@ -277,6 +306,7 @@ ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
     }
     open_place(a, sensor, place);
     store(a, sensor, place, value, q);
+    if (sensor == IPE_FORCE) { doubt(a, place); }
     a->ring[sensor].t_ns[place % IPE_RING] = instant;
     ++a->n_samples[sensor];
     note_lateness(a, sensor, instant);
@@ -322,6 +352,7 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
                 continue;
             }
             if (sensor != IPE_IMU) { gate_spikes(a, sensor, instant, sample(a, sensor, i)); }
+            if (sensor == IPE_FORCE) { doubt(a, i); }
             place = ring->head;
             ring->t_ns[i % IPE_RING] = instant;
             ++a->n_samples[sensor];
@@ -423,6 +454,23 @@ static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns,
     }
 }
 
+/// Cables whose force a sample around the row does not tell.
+static uint32_t unknown_force(const ipe_align_t* a)
+{
+    const ipe_ring_t* ring = &a->ring[IPE_FORCE];
+    const uint64_t end = ring->cursor + 1 + NEIGHBOURS;
+    uint32_t unknown = 0;
+    for (uint64_t i = ring->cursor > oldest(ring) ? ring->cursor - 1 : ring->cursor; i < end && i < usable(ring); ++i) {
+        unknown |= a->unknown[i % IPE_RING];
+    }
+    return unknown;
+}
+
+void ipe_align_set_unknown_force(ipe_align_t* a, uint32_t unknown)
+{
+    a->unknown_force = unknown;
+}
+
 /// The row of the IMU sample at the cursor.
 static void fill_row(ipe_align_t* a, int64_t t_ns, search_t force, search_t position, ipe_row_t* row)
 {
@@ -436,6 +484,7 @@ static void fill_row(ipe_align_t* a, int64_t t_ns, search_t force, search_t posi
     row->has_position = position == FOUND;
     if (row->has_force) {
         interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
+        row->unknown_force = unknown_force(a);
     }
     if (row->has_position && a->position_source == IPE_POSITION_FIXED) {
         memcpy(row->position, a->fixed_position, sizeof a->fixed_position);

@@ -8,7 +8,7 @@
 /// (ipe_config_check). Every IMU sample becomes a row; force or position that did not come leave it without them (has_force,
 /// has_position), counted by cause.
 /// Outliers are taken out before a row can use them: positions that the cables cannot reach, and samples of force or position
-/// that are spikes, spike_gate.h. Rows that would use a suspect wait for the sample after it; others do not wait any longer.
+/// that are spikes, spike_gate.h. A force that steps within one sample is unknown for 10: its sensor may have died. Rows that would use a suspect wait for the sample after it; others do not wait any longer.
 /// A sample may come up to 8 samples late within its own stream if no row has used its neighbours yet. Samples whose instant
 /// is not known yet are held in the ring; rows wait for them as for samples that have not come.
 /// 329 KB of state (31 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
@@ -45,6 +45,7 @@ typedef struct {
     double fixed_position[3];
     int64_t max_wait_ns, max_age_ns[IPE_SENSOR_COUNT], delay_ns[IPE_SENSOR_COUNT];
     bool is_ending;  ///< no more samples will come: do not wait
+    uint32_t unknown_force;  ///< of the samples of force that come next, types.h
     double reach_low[2], reach_high[3];  ///< W, m: the anchors' box and a margin; it widens downwards, 1 m per m
 
     ipe_spike_gate_t spike_gate[IPE_SENSOR_COUNT];  ///< of force and position
@@ -52,6 +53,9 @@ typedef struct {
     ipe_ring_t ring[IPE_SENSOR_COUNT];
     double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
+    uint16_t unknown[IPE_RING];  ///< of force
+    uint32_t stepped;            ///< forces that stepped, and are unknown
+    int n_doubted;               ///< for so many more samples
     double position[IPE_RING][3];
     ipe_lateness_t lateness[IPE_SENSOR_COUNT];
     int64_t row_ns;          ///< instant of the last row; 0: none yet
@@ -78,6 +82,9 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config);
 ///
 /// IPE_OK; IPE_ERR_TIME, IPE_ERR_NONFINITE, IPE_ERR_RANGE (quaternion, position out of reach): refused and counted, nothing else changed.
 ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* value);
+
+/// From the next sample of force on these cables' values are no measurements: bit i for cable i. 0 at the start.
+void ipe_align_set_unknown_force(ipe_align_t* a, uint32_t unknown);
 
 /// Take one sample that was taken before host time t_ns, its stamp, but it is not known when. At most IPE_SAMPLE_TIMING_HOLD are
 /// kept, older ones drop out (ipe_sample_timing_t counts). Status as of ipe_align_push().

@@ -5,12 +5,15 @@
 #include "regressor.h"
 #include "smallmat.h"
 #include "systematic.h"
+#include "unknown_force.h"
 
 #include <string.h>
 
 #define REST_WINDOWS 50  // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
 #define LEARNING_WINDOWS \
     50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
+#define HUBER_NIS 30.0   // from which on a window counts for less: chi-squared with 6 degrees of freedom exceeds it in 4e-5
+#define LEAST_WEIGHT 0.1  // so that a misfit that lasts is not thrown away
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define PRIOR_INTERVAL \
     50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
@@ -62,11 +65,46 @@ static ipe_status_t build_equations(ipe_estimator_t* e, const ipe_config_t* conf
     return IPE_OK;
 }
 
+ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average)
+{
+    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY],
+        excess[IPE_CABLES_MAX];
+    if (average->unknown_force == 0) { return IPE_OK; }
+    ipe_status_t status = build_equations(e, config, average, X, H);
+    if (status != IPE_OK) { return status; }
+    ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
+    memcpy(L, e->noise.L, sizeof L);
+    status = ipe_unknown_force_take_out(average->unknown_force, (const double (*)[IPE_XI_MAX])X,
+                                        (const double (*)[IPE_NY])S, innovation, average->y, excess, L);
+    if (status != IPE_OK) { return status; }
+    for (int i = 0; i < config->n_cables; ++i) { average->f[i] -= excess[i] / (1.0 + config->force_gain[i]); }
+    return IPE_OK;
+}
+
 /// Use the window, hold it back, or take it as a change of payload. Until the noise is known, every window is used.
 static ipe_change_detector_verdict_t judge(ipe_estimator_t* e)
 {
     if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_CHANGE_DETECTOR_USE; }
     return ipe_change_detector_push(&e->change_detector, e->nis);
+}
+
+/// A window that stands out counts for less, as if its noise were larger (Huber 1964).
+static void weigh(ipe_estimator_t* e, double L[IPE_NY][IPE_NY])
+{
+    if (e->noise.n_summed < LEARNING_WINDOWS || !(e->nis > HUBER_NIS)) { return; }
+    const double weight = fmax(sqrt(HUBER_NIS / e->nis), LEAST_WEIGHT), scale = 1.0 / sqrt(weight);
+    for (int i = 0; i < IPE_NY; ++i) {
+        for (int k = 0; k <= i; ++k) { L[i][k] *= scale; }
+    }
+    ++e->n_weighted;
+}
+
+/// The noise learns from a window's innovation; one that lost a direction to an unknown force tells less than it varies by.
+static void learn_noise(ipe_estimator_t* e, uint32_t unknown, double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
+{
+    const double scale = sqrt((double)IPE_NY / (IPE_NY - ipe_unknown_force_count(unknown)));
+    for (int i = 0; i < IPE_NY; ++i) { innovation[i] *= scale; }
+    ipe_noise_push(&e->noise, innovation, S);
 }
 
 /// A new payload: theta may be anything the robot can carry; what is known of the sensors stays. A known pose is new again.
@@ -94,11 +132,17 @@ static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
 {
-    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], unused;
+    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY],
+        y[IPE_NY], excess[IPE_CABLES_MAX], unused;
     const int n_rest = ipe_pose_dwell_push(&e->pose_dwell, config, average);
     ipe_status_t status = build_equations(e, config, average, X, H);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
+    memcpy(L, e->noise.L, sizeof L);
+    memcpy(y, average->y, sizeof y);
+    status = ipe_unknown_force_take_out(average->unknown_force, (const double (*)[IPE_XI_MAX])X,
+                                        (const double (*)[IPE_NY])S, innovation, y, excess, L);
+    if (status != IPE_OK) { return status; }
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
     if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT)) { return IPE_OK; }
     const ipe_change_detector_verdict_t verdict = judge(e);  // innovation -> same payload?
@@ -107,10 +151,14 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
     ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_XI_MAX])X, average->f, innovation,
                                            (const double (*)[IPE_NY])S, (const double (*)[IPE_NY])e->noise.L, H);
-    status = ipe_rls_update(&e->rls, H, average->y, e->noise.L, &unused);  // rows -> states, P
+    if (verdict == IPE_CHANGE_DETECTOR_USE) { weigh(e, L); }
+    status = ipe_rls_update(&e->rls, H, y, (const double (*)[IPE_NY])L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
+    e->n_unknown_force += average->unknown_force != 0;
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
-    if (verdict == IPE_CHANGE_DETECTOR_USE) { ipe_noise_push(&e->noise, innovation, S); }
+    if (verdict == IPE_CHANGE_DETECTOR_USE) {
+        learn_noise(e, average->unknown_force, innovation, (const double (*)[IPE_NY])S);
+    }
     if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
     return IPE_OK;
 }

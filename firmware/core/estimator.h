@@ -33,6 +33,8 @@ typedef struct {
     ipe_pose_dwell_t pose_dwell;
     double nis;               ///< normalised innovation squared of the last window
     uint64_t n_excited;       ///< windows not at rest
+    uint64_t n_weighted;      ///< windows that counted for less because they stood out
+    uint64_t n_unknown_force; ///< windows used with a cable's force unknown
     uint64_t n_rows;          ///< rows the windows were made of, counted by the caller
     uint64_t n_refused;       ///< estimates not published because a value was not finite
     ipe_estimate_t estimate;  ///< as last published; n_windows 0: none yet
@@ -51,6 +53,12 @@ void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from);
 
 /// Predict the states to the middle of the next window; before each ipe_estimator_update().
 void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average);
+
+/// Forces of failed sensors become the most probable ones by the other cables, in average->f and average->y: the columns of
+/// pose and attachments need them. Where all sensors are well, nothing changes.
+///
+/// IPE_OK, or IPE_ERR_*: refused as by ipe_estimator_update(), nothing changed.
+ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average);
 
 /// Update the states with a window's equations.
 ///

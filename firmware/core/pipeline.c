@@ -61,6 +61,7 @@ static ipe_status_t push_reading(ipe_pipeline_t* p, ipe_sensor_t sensor, const i
     if (ipe_stuck_sensor_push(&p->stuck_sensor, sensor, reading->t_ns, reading->value)) {
         return refuse(p, sensor, reading, IPE_ERR_RANGE);
     }
+    if (sensor == IPE_FORCE) { ipe_align_set_unknown_force(&p->align, p->stuck_sensor.unknown); }
     if (!reading->has_device_time) { return push_untimed(p, sensor, reading); }
     const int64_t t_ns = ipe_clock_map(&p->clock[sensor], reading->device_time, reading->t_ns);
     return ipe_align_push(&p->align, sensor, t_ns, reading->value);
@@ -138,6 +139,8 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
         return IPE_IGNORED;
     }
     ipe_estimator_predict(&p->estimator, &p->config, &average);                           // states -> now
+    status = ipe_estimator_restore_forces(&p->estimator, &p->config, &average);  // of failed sensors
+    if (status != IPE_OK) { return status; }
     status = ipe_estimator_update(&p->estimator, &p->config, &average);       // window -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);  // theta, P -> body

@@ -59,16 +59,15 @@ bool ipe_spike_gate_is_suspect(ipe_spike_gate_t* g, const double* a, const doubl
     return is_suspect;
 }
 
-bool ipe_spike_gate_is_spike(const ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r,
-                             const double* next, double r_next)
+uint32_t ipe_spike_gate_stepped(const ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r,
+                                const double* next, double r_next)
 {
     const double scale = evened(r);
-    bool is_spike = false;
+    uint32_t stepped = 0;
     for (int i = 0; i < g->n_channels; ++i) {
         const double e = fabs(off_line(a[i], b[i], x[i], r));
         if (scale * e <= limit(g, b, i)) { continue; }
-        if (fabs(off_line(a[i], b[i], next[i], r_next)) > BACK * e) { return false; }
-        is_spike = true;
+        if (fabs(off_line(a[i], b[i], next[i], r_next)) > BACK * e) { stepped |= 1U << (unsigned)i; }
     }
-    return is_spike;
+    return stepped;
 }

@@ -29,7 +29,9 @@ void ipe_spike_gate_init(ipe_spike_gate_t* g, int n_channels, const double* leas
 bool ipe_spike_gate_is_suspect(ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r);
 
 /// Was the suspect x, r after b, a spike, now that the next sample came r_next after b? No state changes.
-bool ipe_spike_gate_is_spike(const ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r,
-                             const double* next, double r_next);
+///
+/// Channels that stepped instead, bit i for channel i: far off the line in x and still in next. 0: a spike.
+uint32_t ipe_spike_gate_stepped(const ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r,
+                                const double* next, double r_next);
 
 #endif

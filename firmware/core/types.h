@@ -68,6 +68,7 @@ typedef struct {
     double q[4];               ///< unit quaternion w x y z, I to W
     double position[3];        ///< tracked point, W, m
     double f[IPE_CABLES_MAX];  ///< N
+    uint32_t unknown_force;    ///< bit i: cable i's sensor has failed, f[i] is no measurement
     bool has_force;            ///< f holds
     bool has_position;         ///< position holds
     bool is_position_new;      ///< the tracker measured since the last row that has a position
@@ -100,6 +101,7 @@ typedef struct {
     double y[IPE_NY];
     double f[IPE_CABLES_MAX];         ///< the tensions at the platform it was made from, calibrated, N
     double friction[IPE_CABLES_MAX];  ///< f sgn(cable travel), N: what a friction of 1 adds to f
+    uint32_t unknown_force;           ///< as in the row
 } ipe_wrench_t;
 
 #endif

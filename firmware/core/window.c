@@ -64,6 +64,7 @@ static void remember(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* motion, 
     memcpy(channel + IPE_CHANNEL_F + x->n_cables, wrench->friction, sizeof(double) * (size_t)x->n_cables);
     memcpy(x->previous.R, motion->R, sizeof motion->R);
     x->previous.error = motion->error;
+    x->previous.unknown_force = wrench->unknown_force;
 }
 
 /// First row after a start or a gap: windows start here.
@@ -120,6 +121,7 @@ static void accumulate(ipe_window_t* x, uint64_t index, double d)
         memcpy(a->R, x->previous.R, sizeof a->R);
         a->error = x->previous.error;
     }
+    a->unknown_force |= x->previous.unknown_force;
     ++a->n_rows;
 }
 
@@ -164,6 +166,7 @@ static void finish(ipe_window_t* x, ipe_average_t* average)
     memcpy(average->R, a->R, sizeof average->R);
     average->error = a->error;
     noise_of_averages(x, average);
+    average->unknown_force = a->unknown_force;
     average->n_rows = a->n_rows;
     average->length = x->length;
     average->t_ns = x->origin_ns + (int64_t)llround(1e9 * x->length * (0.25 * (double)x->first + 0.5));

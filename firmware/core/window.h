@@ -36,6 +36,7 @@ typedef struct {
     double friction[IPE_CABLES_MAX];  ///< tensions with the sign of the cables' speeds, N
     double R[3][3];                   ///< P to W in the window's middle,
     ipe_attitude_error_t error;       ///< and its error
+    uint32_t unknown_force;           ///< bit i: cable i's sensor failed in one of the rows
     int n_rows;
 } ipe_average_t;
 
@@ -60,6 +61,7 @@ typedef struct {
     double slope[IPE_SLOPES];      ///< sum phi' d channel
     double R[3][3];                ///< of the last row up to the middle,
     ipe_attitude_error_t error;    ///< and its error
+    uint32_t unknown_force;        ///< of any row
     int n_rows;
 } ipe_accumulator_t;
 
@@ -81,6 +83,7 @@ typedef struct {
         double channel[IPE_CHANNELS];
         double R[3][3];
         ipe_attitude_error_t error;
+        uint32_t unknown_force;
     } previous;                            ///< the row that waits for its successor's stamp
     double spacing;                        ///< s between previous and the one before
     int n_measured;                        ///< intervals seen while measuring the period

@@ -76,10 +76,11 @@ static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* mo
     }
 }
 
-static void count_limits(ipe_wrench_stage_t* w, const double f[IPE_CABLES_MAX])
+static void count_limits(ipe_wrench_stage_t* w, const double f[IPE_CABLES_MAX], uint32_t unknown)
 {
     bool is_slack = false, is_overloaded = false;
     for (int i = 0; i < w->config->n_cables; ++i) {
+        if (unknown >> (unsigned)i & 1U) { continue; }
         is_slack |= f[i] < w->config->cable[i].tension_min;
         is_overloaded |= f[i] > w->config->cable[i].tension_max;
     }
@@ -98,11 +99,14 @@ ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, co
         return IPE_ERR_GEOMETRY;
     }
     for (int i = 0; i < k->n_cables; ++i) {
-        f[i] = (row->f[i] - k->force_offset[i]) / (1.0 + k->force_gain[i]);
+        const bool is_held = w->n_rows > 0 && (row->unknown_force >> (unsigned)i & 1U);
+        f[i] = is_held ? w->f[i] : (row->f[i] - k->force_offset[i]) / (1.0 + k->force_gain[i]);
         for (int j = 0; j < IPE_NY; ++j) { wrench->y[j] += W[j][i] * f[i]; }
     }
+    memcpy(w->f, f, sizeof(double) * (size_t)k->n_cables);
     friction_of(w, elapsed(w, row->t_ns), motion, (const double (*)[IPE_CABLES_MAX])W, wrench);
-    count_limits(w, f);
+    count_limits(w, f, row->unknown_force);
+    wrench->unknown_force = row->unknown_force;
     ++w->n_rows;
     return IPE_OK;
 }

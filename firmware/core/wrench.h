@@ -16,6 +16,7 @@
 typedef struct {
     const ipe_config_t* config;
     int64_t t_ns;                     ///< of the last row, 0: none yet
+    double f[IPE_CABLES_MAX];         ///< last measured tensions, N: those of cables whose force is unknown
     double friction[IPE_CABLES_MAX];  ///< z_i, -1 .. 1: 1 while the cable is paid out
     uint64_t n_rows;                  ///< rows turned into a wrench
     uint64_t n_geometry;              ///< rows refused: a cable without direction
@@ -26,6 +27,8 @@ typedef struct {
 /// config is kept by pointer and must outlive the stage.
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config);
 
+/// A force that is unknown is held at its last measured value.
+///
 /// IPE_OK, or IPE_ERR_GEOMETRY: counted, wrench not to be used.
 ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, const ipe_motion_t* motion,
                                  ipe_wrench_t* wrench);
