@@ -82,6 +82,7 @@ typedef struct {
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
     loss_t late[IPE_SENSOR_COUNT];           ///< samples too late for the rows
+    loss_t unknown_force[IPE_CABLES_MAX];    ///< samples of force that do not tell a cable's
     ipe_presence_t presence[IPE_SENSOR_COUNT];
     int64_t presence_due_ns;                 ///< data time of the next check of the sensors
     ipe_host_facts_t facts;                  ///< read at the start

@@ -168,6 +168,24 @@ static void report_lateness(daemon_t* d, ipe_sensor_t sensor)
     }
 }
 
+static void report_unknown_force(daemon_t* d, int cable)
+{
+    loss_t* l = &d->unknown_force[cable];
+    switch (update_loss(l, d->pipeline->stuck_sensor.n_unknown_of[cable])) {
+    case LOSS_BEGAN:
+        report(d, health_sensor_name(IPE_FORCE),
+               "the sensor of cable %d is stuck at %g N: the estimate goes on without it; replace it", cable + 1,
+               (double)d->pipeline->stuck_sensor.f[cable]);
+        break;
+    case LOSS_ENDED:
+        report(d, health_sensor_name(IPE_FORCE), "the sensor of cable %d is well again; %" PRIu64 " samples were stuck",
+               cable + 1, l->n_last - l->n_before);
+        break;
+    case LOSS_SAME:
+    default: break;
+    }
+}
+
 // ---- by data time ---------------------------------------------------------------------------------------------------
 
 static void report_change(daemon_t* d)
@@ -184,6 +202,7 @@ static void check_second(daemon_t* d, int64_t t_ns)
     if (d->health_due_ns != 0) {
         report_lateness(d, IPE_FORCE);
         report_lateness(d, IPE_POSITION);
+        for (int i = 0; i < d->config.n_cables; ++i) { report_unknown_force(d, i); }
         health_send(d, t_ns);
     }
     d->health_due_ns = t_ns + NS_PER_S;

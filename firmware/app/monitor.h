@@ -10,7 +10,8 @@
 void monitor_interface(daemon_t* d, unsigned i);
 
 /// After a frame was used: report a change of the bus state or of the payload, and, by data time, check ten times a second
-/// whether every sensor is present, once a second whether it is late, and send HEALTH.
+/// whether every sensor is present, once a second whether it is late or a force sensor is stuck,
+/// and send HEALTH.
 void monitor_frame(daemon_t* d, const ipe_frame_t* frame);
 
 /// Read the clocks, before stamps are mapped; report if the host's clock was stepped.

@@ -215,13 +215,14 @@ static double spacings(const ipe_ring_t* ring, uint64_t b, int64_t t_ns)
 }
 
 /// A single force that changes by half of itself from sample b to the next is unknown for as many samples as
-/// ipe_stuck_sensor_push() needs to call it stuck. Where several do, the platform was hit.
+/// ipe_stuck_sensor_push() needs to call it stuck, and while it repeats. Where several do, the platform was hit.
 static void doubt_step(ipe_align_t* a, uint64_t b, uint64_t at, uint32_t stepped)
 {
     for (int i = 0; i < a->n_cables; ++i) {
         const double before = a->force[b % IPE_RING][i], after = a->force[at % IPE_RING][i];
         if (stepped != 1U << (unsigned)i || fabs(after - before) < STEP_SHARE * fabs(before)) { continue; }
         a->stepped = stepped;
+        a->stepped_to = after;
         a->n_doubted = DOUBTED_SAMPLES;
         a->unknown[at % IPE_RING] |= (uint16_t)stepped;
     }
@@ -256,12 +257,17 @@ static void gate_spikes(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const
                                                  value, spacings(ring, b, t_ns));
 }
 
-/// The sample of force at the ring's head comes soon after a step.
-static void doubt(ipe_align_t* a, uint64_t place)
+/// A sample of force [m] comes soon after a step, or repeats since then.
+static uint32_t doubt(ipe_align_t* a, const double* value)
 {
-    if (a->n_doubted == 0) { return; }
-    a->unknown[place % IPE_RING] |= (uint16_t)a->stepped;
-    --a->n_doubted;
+    if (a->n_doubted == 0) { return 0; }
+    bool is_same = true;
+    for (int i = 0; i < a->n_cables; ++i) {
+        is_same = is_same && (!(a->stepped >> (unsigned)i & 1U) || value[i] == a->stepped_to);
+        if (a->stepped >> (unsigned)i & 1U) { a->stepped_to = value[i]; }
+    }
+    a->n_doubted = is_same ? DOUBTED_SAMPLES : a->n_doubted - 1;
+    return a->stepped;
 }
 
 /// Can the cables hold the tracked point there?
@@ -306,7 +312,7 @@ ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
     }
     open_place(a, sensor, place);
     store(a, sensor, place, value, q);
-    if (sensor == IPE_FORCE) { doubt(a, place); }
+    if (sensor == IPE_FORCE) { a->unknown[place % IPE_RING] |= (uint16_t)doubt(a, value); }
     a->ring[sensor].t_ns[place % IPE_RING] = instant;
     ++a->n_samples[sensor];
     note_lateness(a, sensor, instant);
@@ -352,7 +358,7 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
                 continue;
             }
             if (sensor != IPE_IMU) { gate_spikes(a, sensor, instant, sample(a, sensor, i)); }
-            if (sensor == IPE_FORCE) { doubt(a, i); }
+            if (sensor == IPE_FORCE) { a->unknown[i % IPE_RING] |= (uint16_t)doubt(a, sample(a, sensor, i)); }
             place = ring->head;
             ring->t_ns[i % IPE_RING] = instant;
             ++a->n_samples[sensor];

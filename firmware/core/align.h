@@ -8,7 +8,8 @@
 /// (ipe_config_check). Every IMU sample becomes a row; force or position that did not come leave it without them (has_force,
 /// has_position), counted by cause.
 /// Outliers are taken out before a row can use them: positions that the cables cannot reach, and samples of force or position
-/// that are spikes, spike_gate.h. A force that steps within one sample is unknown for 10: its sensor may have died. Rows that would use a suspect wait for the sample after it; others do not wait any longer.
+/// that are spikes, spike_gate.h. A force that steps within one sample is unknown for 10, and while it
+/// repeats: its sensor may have died. Rows that would use a suspect wait for the sample after it; others do not wait any longer.
 /// A sample may come up to 8 samples late within its own stream if no row has used its neighbours yet. Samples whose instant
 /// is not known yet are held in the ring; rows wait for them as for samples that have not come.
 /// 329 KB of state (31 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
@@ -55,6 +56,7 @@ typedef struct {
     double force[IPE_RING][IPE_CABLES_MAX];
     uint16_t unknown[IPE_RING];  ///< of force
     uint32_t stepped;            ///< forces that stepped, and are unknown
+    double stepped_to;           ///< its value in the last sample, N
     int n_doubted;               ///< for so many more samples
     double position[IPE_RING][3];
     ipe_lateness_t lateness[IPE_SENSOR_COUNT];

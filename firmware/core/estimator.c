@@ -14,6 +14,7 @@
     50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
 #define HUBER_NIS 30.0   // from which on a window counts for less: chi-squared with 6 degrees of freedom exceeds it in 4e-5
 #define LEAST_WEIGHT 0.1  // so that a misfit that lasts is not thrown away
+#define LONGEST_STEP 0.5  // s between windows over which a force changes linearly
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define PRIOR_INTERVAL \
     50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
@@ -65,19 +66,46 @@ static ipe_status_t build_equations(ipe_estimator_t* e, const ipe_config_t* conf
     return IPE_OK;
 }
 
+/// A failed sensor should have read f [N] in this window. By how much that grew per second since the last, 0: no last one.
+static double restored_slope(ipe_estimator_t* e, int cable, int64_t t_ns, double f)
+{
+    const double elapsed = 1e-9 * (double)(t_ns - e->restored_ns[cable]);
+    const bool follows = elapsed > 0.0 && elapsed < LONGEST_STEP;
+    const double slope = follows ? (f - e->restored[cable]) / elapsed : 0.0;
+    e->restored[cable] = f;
+    e->restored_ns[cable] = t_ns;
+    return slope;
+}
+
+/// The most probable readings [u->n] beyond those that are, and the innovation less what makes them.
+static ipe_status_t find_excess(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                                const ipe_unknown_force_t* u, double y[IPE_NY], double excess[IPE_UNKNOWN_FORCE_MAX])
+{
+    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY];
+    const ipe_status_t status = build_equations(e, config, average, X, H);
+    if (status != IPE_OK) { return status; }
+    ipe_rls_innovation(&e->rls, H, y, innovation, S);
+    memcpy(L, e->noise.L, sizeof L);
+    return ipe_unknown_force_take_out(u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
+}
+
 ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average)
 {
-    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY],
-        excess[IPE_CABLES_MAX];
-    if (average->unknown_force == 0) { return IPE_OK; }
-    ipe_status_t status = build_equations(e, config, average, X, H);
+    ipe_unknown_force_t u;
+    double y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX];
+    ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
+    if (status != IPE_OK || u.n == 0) { return status; }
+    memcpy(y, average->y, sizeof y);
+    status = find_excess(e, config, average, &u, y, excess);
     if (status != IPE_OK) { return status; }
-    ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
-    memcpy(L, e->noise.L, sizeof L);
-    status = ipe_unknown_force_take_out(average->unknown_force, (const double (*)[IPE_XI_MAX])X,
-                                        (const double (*)[IPE_NY])S, innovation, average->y, excess, L);
-    if (status != IPE_OK) { return status; }
-    for (int i = 0; i < config->n_cables; ++i) { average->f[i] -= excess[i] / (1.0 + config->force_gain[i]); }
+    for (int k = 0; k < u.n; ++k) {
+        const int j = u.cable[k];
+        const double f = average->f[j] - excess[k] / (1.0 + config->force_gain[j]);
+        const double slope = restored_slope(e, j, average->t_ns, f);
+        for (int i = 0; i < IPE_NY; ++i) { y[i] += slope * (1.0 + config->force_gain[j]) * u.turned[k][i]; }
+        average->f[j] = f;
+    }
+    memcpy(average->y, y, sizeof y);
     return IPE_OK;
 }
 
@@ -100,9 +128,9 @@ static void weigh(ipe_estimator_t* e, double L[IPE_NY][IPE_NY])
 }
 
 /// The noise learns from a window's innovation; one that lost a direction to an unknown force tells less than it varies by.
-static void learn_noise(ipe_estimator_t* e, uint32_t unknown, double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
+static void learn_noise(ipe_estimator_t* e, int n_unknown, double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
 {
-    const double scale = sqrt((double)IPE_NY / (IPE_NY - ipe_unknown_force_count(unknown)));
+    const double scale = sqrt((double)IPE_NY / (IPE_NY - n_unknown));
     for (int i = 0; i < IPE_NY; ++i) { innovation[i] *= scale; }
     ipe_noise_push(&e->noise, innovation, S);
 }
@@ -133,15 +161,17 @@ static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
 {
     double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY],
-        y[IPE_NY], excess[IPE_CABLES_MAX], unused;
+        y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX], unused;
+    ipe_unknown_force_t u;
     const int n_rest = ipe_pose_dwell_push(&e->pose_dwell, config, average);
     ipe_status_t status = build_equations(e, config, average, X, H);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
     memcpy(L, e->noise.L, sizeof L);
     memcpy(y, average->y, sizeof y);
-    status = ipe_unknown_force_take_out(average->unknown_force, (const double (*)[IPE_XI_MAX])X,
-                                        (const double (*)[IPE_NY])S, innovation, y, excess, L);
+    status = ipe_unknown_force_columns(config, average, &u);
+    if (status != IPE_OK) { return status; }
+    status = ipe_unknown_force_take_out(&u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
     if (status != IPE_OK) { return status; }
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
     if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT)) { return IPE_OK; }
@@ -154,10 +184,10 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (verdict == IPE_CHANGE_DETECTOR_USE) { weigh(e, L); }
     status = ipe_rls_update(&e->rls, H, y, (const double (*)[IPE_NY])L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
-    e->n_unknown_force += average->unknown_force != 0;
+    e->n_unknown_force += u.n > 0;
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) {
-        learn_noise(e, average->unknown_force, innovation, (const double (*)[IPE_NY])S);
+        learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S);
     }
     if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
     return IPE_OK;

@@ -28,6 +28,7 @@
 #define SLOWEST_DECAY 1e-4       // 1/s
 #define GATE 6.0                 // sigmas, and
 #define JUMP 0.05                // m: a position further off contradicts
+#define FASTEST 10.0             // m/s: no platform moves faster
 #define RESTART_POSITIONS 5      // refused one after another,
 #define RESTART_NS 200000000LL   // for this long: the target is elsewhere now
 #define BRIDGE_NS 2000000000LL   // a gap between rows that the AHRS carries the attitude through,
@@ -497,6 +498,19 @@ static void start(ipe_motion_stage_t* m, const ipe_row_t* row)
     m->n_refused_row = 0;
 }
 
+/// A position that contradicts the motion. Those that contradict each other do not show where the target is now.
+static void refuse_position(ipe_motion_stage_t* m, const ipe_row_t* row)
+{
+    double step[3];
+    vec3_axpy(row->position, -1.0, m->refused, step);
+    const double reach = JUMP + FASTEST * 1e-9 * (double)(row->t_ns - m->refused_at_ns);
+    if (vec3_norm(step) > reach) { m->n_refused_row = 0; }
+    if (m->n_refused_row++ == 0) { m->refused_ns = row->t_ns; }
+    memcpy(m->refused, row->position, sizeof m->refused);
+    m->refused_at_ns = row->t_ns;
+    ++m->n_positions_refused;
+}
+
 /// A position into the epoch's sums. False: it contradicts the motion.
 static bool take_position(ipe_motion_stage_t* m, const ipe_row_t* row)
 {
@@ -504,8 +518,7 @@ static bool take_position(ipe_motion_stage_t* m, const ipe_row_t* row)
     mat3_mul_vec(m->R, m->lever, arm);
     for (int i = 0; i < 3; ++i) { e[i] = row->position[i] - m->p[i] - arm[i]; }
     if (vec3_dot(e, e) > m->gate2) {
-        if (m->n_refused_row++ == 0) { m->refused_ns = row->t_ns; }
-        ++m->n_positions_refused;
+        refuse_position(m, row);
         return false;
     }
     m->n_refused_row = 0;

@@ -99,7 +99,8 @@ static bool clocks_are_settled(const ipe_pipeline_t* p, int64_t t_ns)
     return true;
 }
 
-/// The next row with forces, and its motion, as ipe_motion_push() returns them. A position that it lacks is the estimated one.
+/// The next row with forces, and its motion, as ipe_motion_push() returns them. A position that it lacks
+/// or that was refused is the estimated one.
 static ipe_status_t next_motion(ipe_pipeline_t* p, ipe_row_t* row, ipe_motion_t* motion)
 {
     ipe_status_t status = IPE_OK;
@@ -107,7 +108,9 @@ static ipe_status_t next_motion(ipe_pipeline_t* p, ipe_row_t* row, ipe_motion_t*
         status = ipe_align_pop(&p->align, row);  // samples -> row
         if (status != IPE_OK) { return status; }
         if (clocks_are_settled(p, row->t_ns)) {
+            const uint64_t refused = p->motion.n_positions_refused;
             status = ipe_motion_push(&p->motion, row, motion);  // row -> motion of the platform
+            row->has_position &= p->motion.n_positions_refused == refused;
         } else if (row->has_force) {
             ++p->n_unsettled;
             return IPE_ERR_TIME;

@@ -2,17 +2,47 @@
 #include "unknown_force.h"
 
 #include "smallmat.h"
-#include "systematic.h"
+#include "wrench.h"
 
 #include <string.h>
 
 #define SIGMA 1e4  // of what the equations tell of the force without it: chosen so that 1e-8 of that is left
 
-int ipe_unknown_force_count(uint32_t unknown)
+#define KERNEL_VARIANCE (1.0 / 48.0)  // of the cubic B-spline, of its length squared
+
+/// The wrench matrix at the mean pose, moved on by `time` [s].
+static ipe_status_t matrix_at(const ipe_config_t* config, const ipe_average_t* average, double time,
+                              double W[IPE_NY][IPE_CABLES_MAX])
 {
-    int n = 0;
-    for (; unknown != 0; unknown &= unknown - 1) { ++n; }
-    return n;
+    const double bend = 0.5 * KERNEL_VARIANCE * average->length * average->length;  // mean attitude: the middle's, and
+    double p[3], angle[3], turn[3][3], R[3][3], sag[IPE_NY];                        // this times alpha
+    vec3_axpy(average->p, time, average->velocity, p);
+    for (int i = 0; i < 3; ++i) { angle[i] = bend * average->alpha[i] + time * average->w[i]; }
+    mat3_exp(angle, turn);
+    mat3_mul(average->R, (const double (*)[3])turn, R);
+    return ipe_wrench_matrix(config, p, (const double (*)[3])R, config->imu_position, W, sag);
+}
+
+ipe_status_t ipe_unknown_force_columns(const ipe_config_t* config, const ipe_average_t* average, ipe_unknown_force_t* u)
+{
+    const double deviation = sqrt(KERNEL_VARIANCE) * average->length;
+    double before[IPE_NY][IPE_CABLES_MAX], after[IPE_NY][IPE_CABLES_MAX];
+    u->n = 0;
+    if (average->unknown_force == 0) { return IPE_OK; }
+    ipe_status_t status = matrix_at(config, average, -deviation, before);
+    if (status == IPE_OK) { status = matrix_at(config, average, deviation, after); }
+    if (status != IPE_OK) { return status; }
+    for (int j = 0; j < config->n_cables; ++j) {
+        if (!(average->unknown_force >> (unsigned)j & 1U)) { continue; }
+        if (u->n == IPE_UNKNOWN_FORCE_MAX) { return IPE_ERR_RANGE; }
+        const double scale = 0.5 / (1.0 + config->force_gain[j]);
+        for (int i = 0; i < IPE_NY; ++i) {
+            u->mean[u->n][i] = scale * (after[i][j] + before[i][j]);
+            u->turned[u->n][i] = scale * deviation * (after[i][j] - before[i][j]);
+        }
+        u->cable[u->n++] = j;
+    }
+    return IPE_OK;
 }
 
 /// Lower Cholesky factor of S + L L^T.
@@ -53,23 +83,12 @@ static bool take_out(const double w[IPE_NY], const double S[IPE_NY][IPE_NY], dou
     return true;
 }
 
-ipe_status_t ipe_unknown_force_take_out(uint32_t unknown, const double X[IPE_NY][IPE_XI_MAX],
-                                        const double S[IPE_NY][IPE_NY], double innovation[IPE_NY], double y[IPE_NY],
-                                        double excess[IPE_CABLES_MAX], double L[IPE_NY][IPE_NY])
+ipe_status_t ipe_unknown_force_take_out(const ipe_unknown_force_t* u, const double S[IPE_NY][IPE_NY],
+                                        double innovation[IPE_NY], double y[IPE_NY],
+                                        double excess[IPE_UNKNOWN_FORCE_MAX], double L[IPE_NY][IPE_NY])
 {
-    double left[IPE_NY], right[IPE_NY], factor[IPE_NY][IPE_NY];
-    memcpy(left, innovation, sizeof left);
-    memcpy(right, y, sizeof right);
-    memcpy(factor, L, sizeof factor);
-    memset(excess, 0, sizeof(double) * IPE_CABLES_MAX);
-    for (int j = 0; j < IPE_CABLES_MAX; ++j) {
-        if (!(unknown >> (unsigned)j & 1U)) { continue; }
-        double w[IPE_NY];
-        for (int i = 0; i < IPE_NY; ++i) { w[i] = -X[i][IPE_XI_FORCE + j]; }
-        if (!take_out(w, S, left, right, &excess[j], factor)) { return IPE_ERR_NONFINITE; }
+    for (int k = 0; k < u->n; ++k) {
+        if (!take_out(u->mean[k], S, innovation, y, &excess[k], L)) { return IPE_ERR_NONFINITE; }
     }
-    memcpy(innovation, left, sizeof left);
-    memcpy(y, right, sizeof right);
-    memcpy(L, factor, sizeof factor);
     return IPE_OK;
 }

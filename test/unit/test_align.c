@@ -473,6 +473,93 @@ static void test_push_imu_alone_overruns_and_counts(void)
     TEST_ASSERT_EQUAL_UINT64(IPE_RING + 30, align.n_samples[IPE_IMU]);
 }
 
+/// Forces and positions every 5 ms with some noise, IMU every 1 ms between them; sample `at` is off by `off`, in the x of
+/// position or in the force of cable 4; from_on: and all after it. Rows are compared with the undisturbed motion.
+static double worst_row(int at, double off, ipe_sensor_t sensor, bool from_on)
+{
+    uint64_t seed = 9;
+    double worst = 0.0;
+    for (int k = 0; k < 2000; ++k) {
+        const int64_t t_ns = k * MS;
+        const int n = k / 5;
+        const bool is_off = n == at || (from_on && n > at);
+        if (k % 5 == 0) {
+            double f[IPE_CABLES_MAX] = {0.0}, x[3] = {1.0 + 0.1 * sin(0.005 * k), 2.0, 1.0};
+            for (int i = 0; i < 8; ++i) { f[i] = 400.0 + 30.0 * sin(0.004 * k) + 0.5 * normal(&seed); }
+            for (int i = 0; i < 3; ++i) { x[i] += 1e-3 * normal(&seed); }
+            f[3] += is_off && sensor == IPE_FORCE ? off : 0.0;
+            x[0] += is_off && sensor == IPE_POSITION ? off : 0.0;
+            (void)ipe_align_push(&align, IPE_FORCE, t_ns, f);
+            (void)ipe_align_push(&align, IPE_POSITION, t_ns, x);
+        }
+        (void)push_imu(t_ns);
+        while (ipe_align_pop(&align, &row) == IPE_OK) {
+            const double t = 1e-6 * (double)row.t_ns;
+            if (row.has_force) { worst = fmax(worst, fabs(row.f[3] - 400.0 - 30.0 * sin(0.004 * t))); }
+            if (row.has_position) { worst = fmax(worst, 1e3 * fabs(row.position[0] - 1.0 - 0.1 * sin(0.005 * t))); }
+        }
+    }
+    return worst;
+}
+
+static void test_pop_force_spike_touches_no_row(void)
+{
+    config.max_age[IPE_FORCE] = config.max_age[IPE_POSITION] = 0.1;
+    ipe_align_init(&align, &config);
+    ASSERT_BELOW(8.0, worst_row(200, 900.0, IPE_FORCE, false));  // given, when, then: N, and mm
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_spikes[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_spikes[IPE_POSITION]);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_late[IPE_FORCE] + align.n_missing[IPE_FORCE]);
+}
+
+static void test_pop_position_spike_touches_no_row(void)
+{
+    config.max_age[IPE_FORCE] = config.max_age[IPE_POSITION] = 0.1;
+    ipe_align_init(&align, &config);
+    ASSERT_BELOW(8.0, worst_row(200, 8.0, IPE_POSITION, false));
+    TEST_ASSERT_EQUAL_UINT64(1, align.n_spikes[IPE_POSITION]);
+}
+
+static void test_pop_force_step_is_passed_on_and_doubted(void)
+{
+    config.max_age[IPE_FORCE] = config.max_age[IPE_POSITION] = 0.1;
+    ipe_align_init(&align, &config);
+    ASSERT_BELOW(450.0, worst_row(200, -400.0, IPE_FORCE, true));  // given: the sensor dies
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_spikes[IPE_FORCE]);
+    const uint64_t end = align.ring[IPE_FORCE].head;
+    int n_doubted = 0;
+    for (uint64_t i = 0; i < end; ++i) { n_doubted += align.unknown[i] == 1U << 3; }
+    TEST_ASSERT_EQUAL_INT(11, n_doubted);
+    TEST_ASSERT_EQUAL_UINT16(1U << 3, align.unknown[200]);
+    TEST_ASSERT_EQUAL_UINT16(0, align.unknown[199]);
+}
+
+static void test_push_position_out_of_reach_is_refused(void)
+{
+    const double inside[3] = {3.0, -2.0, 1.0}, aside[3] = {60.0, 0.0, 1.0}, above[3] = {0.0, 0.0, 40.0};
+    const double in_mm[3] = {3000.0, -2000.0, 1000.0}, deep[3] = {20.0, 0.0, -30.0};
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_push(&align, IPE_POSITION, 1 * MS, inside));
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, ipe_align_push(&align, IPE_POSITION, 5 * MS, aside));
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, ipe_align_push(&align, IPE_POSITION, 5 * MS, above));
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, ipe_align_push(&align, IPE_POSITION, 5 * MS, in_mm));
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_push(&align, IPE_POSITION, 5 * MS, deep));
+    TEST_ASSERT_EQUAL_UINT64(3, align.n_unreachable);
+    TEST_ASSERT_EQUAL_UINT64(2, align.n_samples[IPE_POSITION]);
+}
+
+static void test_pop_row_near_an_unknown_force_names_it(void)
+{
+    for (int k = 0; k < 10; ++k) {  // given: samples 4 and 5 do not tell cable 3
+        ipe_align_set_unknown_force(&align, k == 4 || k == 5 ? 1U << 2 : 0);
+        (void)push_force(k * 4 * MS);
+        (void)push_position(k * 4 * MS);
+        (void)push_imu(k * 4 * MS + MS);
+    }
+    for (int k = 0; k < 8 && ipe_align_pop(&align, &row) == IPE_OK; ++k) {  // when
+        TEST_ASSERT_EQUAL_UINT32(k >= 2 && k <= 6 ? 1U << 2 : 0, row.unknown_force);  // then: of the four around it
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -504,5 +591,10 @@ int main(void)
     RUN_TEST(test_push_bad_quaternion_with_old_stamp_changes_nothing);
     RUN_TEST(test_push_rpy_becomes_quaternion);
     RUN_TEST(test_push_imu_alone_overruns_and_counts);
+    RUN_TEST(test_pop_force_spike_touches_no_row);
+    RUN_TEST(test_pop_position_spike_touches_no_row);
+    RUN_TEST(test_pop_force_step_is_passed_on_and_doubted);
+    RUN_TEST(test_push_position_out_of_reach_is_refused);
+    RUN_TEST(test_pop_row_near_an_unknown_force_names_it);
     return UNITY_END();
 }

@@ -323,6 +323,20 @@ static void test_position_off_by_metres_is_refused(void)
     TEST_ASSERT_EQUAL_UINT64(1, stage.n_starts);
 }
 
+static void test_positions_that_contradict_each_other_do_not_start_anew(void)
+{
+    start();
+    run(0, 10000);
+    for (int64_t t = 10000; t < 11000; t += 5) {  // given: a second of them, metres off, each elsewhere
+        const ideal_t m = ideal_at(&config, 1e-3 * (double)t, theta);
+        make_row(1e-3 * (double)t, &m);
+        row.position[0] += (t / 5 % 2 == 0 ? 8.0 : -8.0);
+        (void)ipe_motion_push(&stage, &row, &motion);
+    }
+    TEST_ASSERT_EQUAL_UINT64(200, stage.n_positions_refused);
+    TEST_ASSERT_EQUAL_UINT64(1, stage.n_starts);
+}
+
 static void test_target_that_stays_elsewhere_is_followed(void)
 {
     start();
@@ -460,6 +474,7 @@ int main(void)
     RUN_TEST(test_gap_of_the_tracker_is_bridged_up_to_max_carry);
     RUN_TEST(test_velocity_is_that_of_the_platform);
     RUN_TEST(test_position_off_by_metres_is_refused);
+    RUN_TEST(test_positions_that_contradict_each_other_do_not_start_anew);
     RUN_TEST(test_target_that_stays_elsewhere_is_followed);
     RUN_TEST(test_gap_of_the_imu_keeps_the_tilt);
     RUN_TEST(test_no_position_yet_is_no_motion);

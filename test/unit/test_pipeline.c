@@ -206,6 +206,96 @@ static void test_step_payload_picked_up_is_noticed_and_followed(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, loaded[3] / loaded[0], pipeline.estimator.estimate.body.cog[2]);
 }
 
+/// 20 s; from `first` to `end` the sensor of cable 2 reads what `broken` makes of it. The mass at the end.
+static double mass_with_broken_sensor(int first, int end, double (*broken)(double f, double f_first))
+{
+    for (int k = 0; k < N_SAMPLES; ++k) {
+        ideal_t x = sample[k];
+        for (int i = 0; i < 8; ++i) { x.f[i] += 0.5 * normal(&seed); }
+        if (k >= first && k < end) { x.f[1] = broken(x.f[1], sample[first].f[1]); }
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+    }
+    return pipeline.estimator.estimate.body.mass;
+}
+
+static double dead(double f, double f_first)
+{
+    (void)f, (void)f_first;
+    return 0.0;
+}
+
+static double frozen(double f, double f_first)
+{
+    (void)f;
+    return f_first;
+}
+
+static double saturated(double f, double f_first)
+{
+    return fmin(f, f_first);
+}
+
+static void assert_goes_on_without_a_sensor(double (*broken)(double f, double f_first))
+{
+    const double well = mass_with_broken_sensor(0, 0, broken), std_well = pipeline.estimator.estimate.body.mass_std;
+    init(&pipeline);
+    const double mass = mass_with_broken_sensor(6000, N_SAMPLES, broken);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3 * 161.058, 161.058, well);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3 * 161.058, 161.058, mass);
+    TEST_ASSERT_TRUE(pipeline.estimator.estimate.body.mass_std > std_well);
+    TEST_ASSERT_EQUAL_UINT64(0, counter("detect.changes"));
+    TEST_ASSERT_EQUAL_UINT64(0, counter("stuck.force.refused"));
+    TEST_ASSERT_GREATER_THAN_UINT64(50, counter("rls.unknown_force"));
+}
+
+static void test_step_dead_force_sensor_is_done_without(void)
+{
+    assert_goes_on_without_a_sensor(dead);
+}
+
+static void test_step_frozen_force_sensor_is_done_without(void)
+{
+    assert_goes_on_without_a_sensor(frozen);
+}
+
+static void test_step_saturated_force_sensor_is_done_without(void)
+{
+    assert_goes_on_without_a_sensor(saturated);
+}
+
+static void test_step_force_sensor_that_is_well_again_is_used(void)
+{
+    (void)mass_with_broken_sensor(6000, 12000, dead);
+    TEST_ASSERT_LESS_THAN_UINT64(67, counter("rls.unknown_force"));
+    TEST_ASSERT_GREATER_THAN_UINT64(58, counter("rls.unknown_force"));
+    TEST_ASSERT_EQUAL_UINT32(0, pipeline.stuck_sensor.unknown);
+}
+
+static void test_step_spikes_change_nothing_but_their_counters(void)
+{
+    for (int is_spiked = 0; is_spiked < 2; ++is_spiked) {
+        static double mass[2], std;
+        init(&pipeline);
+        seed = 99;
+        for (int k = 0; k < N_SAMPLES; ++k) {
+            ideal_t x = sample[k];
+            for (int i = 0; i < 8; ++i) { x.f[i] += 0.5 * normal(&seed); }
+            if (is_spiked && k % 1700 == 1000) { x.f[k % 8] += 1500.0; }
+            if (is_spiked && k % 1700 == 1200) { x.position[k % 3] += 8.0; }
+            push_ideal(&pipeline, &x, k);
+            (void)drain(&pipeline);
+        }
+        mass[is_spiked] = pipeline.estimator.estimate.body.mass;
+        std = pipeline.estimator.estimate.body.mass_std;
+        if (is_spiked) { TEST_ASSERT_DOUBLE_WITHIN(0.1 * std, mass[0], mass[1]); }
+        TEST_ASSERT_EQUAL_UINT64(is_spiked ? 12 : 0, counter("align.force.spikes"));
+        TEST_ASSERT_EQUAL_UINT64(is_spiked ? 12 : 0,
+                                 counter("align.position.spikes") + counter("align.position.unreachable"));
+        TEST_ASSERT_EQUAL_UINT64(0, counter("detect.changes") + counter("motion.position_refused"));
+    }
+}
+
 static void test_step_rest_does_not_wear_the_estimate(void)
 {
     config.memory = 600.0;  // given: identified, and older data count less
@@ -618,6 +708,11 @@ int main(void)
     RUN_TEST(test_step_ideal_sensors_find_the_body);
     RUN_TEST(test_step_slow_forces_and_position_still_find_the_body);
     RUN_TEST(test_step_payload_picked_up_is_noticed_and_followed);
+    RUN_TEST(test_step_dead_force_sensor_is_done_without);
+    RUN_TEST(test_step_frozen_force_sensor_is_done_without);
+    RUN_TEST(test_step_saturated_force_sensor_is_done_without);
+    RUN_TEST(test_step_force_sensor_that_is_well_again_is_used);
+    RUN_TEST(test_step_spikes_change_nothing_but_their_counters);
     RUN_TEST(test_step_rest_does_not_wear_the_estimate);
     RUN_TEST(test_step_payload_laid_on_at_rest_is_noticed_and_weighed);
     RUN_TEST(test_freeze_keeps_the_estimate_until_it_is_lifted);

@@ -105,10 +105,76 @@ static void test_push_rest_after_braking_is_not_stuck_while_the_mean_catches_up(
     assert_refused(0, 0, IPE_SENSOR_COUNT);  // then
 }
 
-static void test_push_one_stuck_force_is_refused_until_it_moves_again(void)
+static void test_push_one_stuck_force_is_unknown_until_it_moves_again(void)
 {
     feed((still_t){.force_3 = true, .is_noisy = true}, 1.0);  // given: 300 samples, when
-    assert_refused(240, 275, IPE_FORCE);                      // then: from 0.25 s and a visible motion on
+    assert_refused(0, 0, IPE_SENSOR_COUNT);                   // then: from 0.25 s and a visible motion on
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(240, stuck.n_unknown_of[2]);
+    TEST_ASSERT_LESS_OR_EQUAL_UINT64(295, stuck.n_unknown_of[2]);
+    TEST_ASSERT_EQUAL_UINT64(stuck.n_unknown, stuck.n_unknown_of[2]);
+    TEST_ASSERT_EQUAL_UINT32(0, stuck.unknown);
+}
+
+/// 200 Hz, 1 N of noise, nothing moves; from sample `from` on channels 0 .. n - 1 repeat `value`.
+static void feed_rest(int n_samples, int from, int n, double value)
+{
+    for (int k = 0; k < n_samples; ++k) {
+        double f[IPE_CABLES_MAX];
+        for (int i = 0; i < 8; ++i) { f[i] = k >= from && i < n ? value : 400.0 + normal(&seed); }
+        (void)ipe_stuck_sensor_push(&stuck, IPE_FORCE, k * 5 * MS, f);
+    }
+}
+
+static void test_push_noisy_force_that_falls_silent_is_unknown_after_8_samples(void)
+{
+    feed_rest(2000, 1000, 1, 0.0);
+    assert_refused(0, 0, IPE_SENSOR_COUNT);
+    TEST_ASSERT_EQUAL_UINT64(1000 - 7, stuck.n_unknown_of[0]);
+    TEST_ASSERT_EQUAL_UINT32(1, stuck.unknown);
+}
+
+static void test_push_value_it_was_stuck_at_is_unknown_at_once(void)
+{
+    feed_rest(2000, 1000, 1, 433.25);  // given: saturated once
+    double f[IPE_CABLES_MAX] = {400.0, 401.0, 402.0, 403.0, 404.0, 405.0, 406.0, 407.0};
+    TEST_ASSERT_FALSE(ipe_stuck_sensor_push(&stuck, IPE_FORCE, 2000 * 5 * MS, f));
+    TEST_ASSERT_EQUAL_UINT32(0, stuck.unknown);  // then: well at once,
+    f[0] = 433.25;
+    TEST_ASSERT_FALSE(ipe_stuck_sensor_push(&stuck, IPE_FORCE, 2001 * 5 * MS, f));
+    TEST_ASSERT_EQUAL_UINT32(1, stuck.unknown);  // and saturated at once
+}
+
+static void test_push_end_of_the_range_is_unknown_at_once(void)
+{
+    for (int i = 0; i < config.n_signals; ++i) {  // given: 12 bits of 1 N
+        if (config.signal[i].quantity != IPE_Q_F_1 + 5) { continue; }
+        config.signal[i].kind = IPE_INTEGER;
+        config.signal[i].length = 12;
+    }
+    ipe_stuck_sensor_init(&stuck, &config);
+    double f[IPE_CABLES_MAX] = {400.0, 401.0, 402.0, 403.0, 404.0, 4095.0, 4095.0, 407.0};
+    TEST_ASSERT_FALSE(ipe_stuck_sensor_push(&stuck, IPE_FORCE, 0, f));
+    TEST_ASSERT_EQUAL_UINT32(1U << 5, stuck.unknown);
+}
+
+static void test_push_three_stuck_forces_are_refused(void)
+{
+    feed_rest(2000, 1000, 3, 0.0);
+    assert_refused(1000 - 7, 1000 - 7, IPE_FORCE);
+    TEST_ASSERT_EQUAL_UINT64(0, stuck.n_unknown);
+}
+
+static void test_push_samples_that_a_gateway_repeats_are_not_stuck(void)
+{
+    double f[IPE_CABLES_MAX] = {0.0};
+    for (int k = 0; k < 20000; ++k) {  // given: each channel is new every 10 samples, each at its own
+        for (int i = 0; i < 8; ++i) {
+            if (k % 10 == i) { f[i] = 400.0 + normal(&seed); }
+        }
+        (void)ipe_stuck_sensor_push(&stuck, IPE_FORCE, k * MS, f);
+    }
+    assert_refused(0, 0, IPE_SENSOR_COUNT);
+    TEST_ASSERT_EQUAL_UINT64(0, stuck.n_unknown);
 }
 
 static void test_push_stuck_position_is_refused(void)
@@ -141,7 +207,12 @@ int main(void)
     RUN_TEST(test_push_all_at_rest_without_noise_is_not_stuck);
     RUN_TEST(test_push_vibration_at_rest_does_not_make_coarse_signals_stuck);
     RUN_TEST(test_push_rest_after_braking_is_not_stuck_while_the_mean_catches_up);
-    RUN_TEST(test_push_one_stuck_force_is_refused_until_it_moves_again);
+    RUN_TEST(test_push_one_stuck_force_is_unknown_until_it_moves_again);
+    RUN_TEST(test_push_noisy_force_that_falls_silent_is_unknown_after_8_samples);
+    RUN_TEST(test_push_value_it_was_stuck_at_is_unknown_at_once);
+    RUN_TEST(test_push_end_of_the_range_is_unknown_at_once);
+    RUN_TEST(test_push_three_stuck_forces_are_refused);
+    RUN_TEST(test_push_samples_that_a_gateway_repeats_are_not_stuck);
     RUN_TEST(test_push_stuck_position_is_refused);
     RUN_TEST(test_push_stuck_imu_is_refused);
     RUN_TEST(test_push_coarse_force_that_repeats_is_not_stuck);

@@ -135,6 +135,7 @@ inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int 
                 row.acc[i] = at(p, p_share, [i](const ipe_row_t& r) { return r.acc[i]; });
             }
         }
+        row.unknown_force = rows[f].unknown_force | rows[f + 1].unknown_force;
         for (int i = 0; i < n_cables; ++i) {
             row.f[i] = at(f, f_share, [i](const ipe_row_t& r) { return r.f[i]; });
         }

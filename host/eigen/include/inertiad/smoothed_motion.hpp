@@ -26,6 +26,7 @@ namespace inertiad {
 struct RowMotion {
     ipe_motion_t motion;
     bool is_known;
+    bool has_position;  ///< of the tracker, and not refused
 };
 
 namespace detail {
@@ -126,9 +127,10 @@ inline std::vector<RowMotion> smoothed_motion(const Config& config, const std::v
     ipe_motion_init(stage.get(), &c);
     stage->epoch = epoch.get();
     for (std::size_t k = 0; k < rows.size(); ++k) {
-        const uint64_t starts = stage->n_starts;
+        const uint64_t starts = stage->n_starts, refused = stage->n_positions_refused;
         const ipe_status_t status = ipe_motion_push(stage.get(), &rows[k], &found[k].motion);
         found[k].is_known = status == IPE_OK || status == IPE_NOT_READY;
+        found[k].has_position = rows[k].has_position && stage->n_positions_refused == refused;
         if (stage->n_starts != starts) {
             node.push_back(detail::node_of(*stage, k, true));
         } else if (stage->is_epoch_new) {
@@ -148,7 +150,7 @@ inline std::vector<RowMotion> smoothed_motion(const Config& config, const std::v
         for (std::size_t k = a.row; k < end; ++k) {
             if (!found[k].is_known) { continue; }
             const double share = static_cast<double>(k - a.row) / static_cast<double>(end - a.row);
-            detail::correct(c, R_PI, a, a.error + share * (after - a.error), rows[k].has_position, found[k].motion);
+            detail::correct(c, R_PI, a, a.error + share * (after - a.error), found[k].has_position, found[k].motion);
             detail::set_error(a, found[k].motion.error);
         }
     }
@@ -163,7 +165,9 @@ inline std::vector<ipe_row_t> complete_rows(const Config& config, const std::vec
     ipe_motion_init(stage.get(), &config.c());
     for (ipe_row_t row : rows) {
         ipe_motion_t motion;
+        const uint64_t refused = stage->n_positions_refused;
         const ipe_status_t status = ipe_motion_push(stage.get(), &row, &motion);
+        row.has_position = row.has_position && stage->n_positions_refused == refused;
         if (!row.has_force || (status != IPE_OK && status != IPE_NOT_READY)) { continue; }
         if (!row.has_position) { ipe_motion_target(stage.get(), row.position); }
         found.push_back(row);

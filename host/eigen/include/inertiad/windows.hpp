@@ -13,6 +13,7 @@ extern "C" {
 #include "cable_inertia.h"
 #include "filter_states.h"
 #include "systematic.h"
+#include "unknown_force.h"
 #include "window.h"
 #include "wrench.h"
 }
@@ -33,10 +34,12 @@ inline std::vector<ipe_average_t> windows_of(const Config& config, const std::ve
     for (std::size_t k = 0; k < rows.size(); ++k) {
         ipe_wrench_t wrench;
         ipe_average_t average;
+        ipe_unknown_force_t unknown;
         const ipe_motion_t* of_row = &motion[k].motion;
         if (!motion[k].is_known || !rows[k].has_force) { continue; }
         if (ipe_wrench_from_row(&wrench_stage, &rows[k], of_row, &wrench) != IPE_OK) { continue; }
         if (ipe_window_push(&window, rows[k].t_ns, of_row, &wrench, &average) != IPE_OK) { continue; }
+        if (ipe_unknown_force_columns(&config.c(), &average, &unknown) != IPE_OK) { continue; }
         if (ipe_cable_inertia_add(&config.c(), &average) == IPE_OK) { found.push_back(average); }
     }
     return found;

@@ -11,6 +11,7 @@
 
 extern "C" {
 #include "align.h"
+#include "stuck_sensor.h"
 #include "replay.h"
 }
 
@@ -107,7 +108,9 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
     require_columns(f, static_cast<std::size_t>(c.n_cables), "f");
     require_columns(position, 3, "position");
     auto align = std::make_unique<ipe_align_t>();
+    ipe_stuck_sensor_t stuck;
     ipe_align_init(align.get(), &c);
+    ipe_stuck_sensor_init(&stuck, &c);
     Rows rows{{}, c.n_cables, {derives_force, derives_rate}};
     rows.row.reserve(t_ns.shape(0));
     std::size_t j = 0;
@@ -120,7 +123,12 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
     for (std::size_t k = 0; k < t_ns.shape(0); ++k) {
         push_positions(t_ns.data()[k]);
         (void)ipe_align_push(align.get(), IPE_IMU, t_ns.data()[k], imu.data() + 10 * k);
-        (void)ipe_align_push(align.get(), IPE_FORCE, t_ns.data()[k], f.data() + f.shape(1) * k);
+        const double* force = f.data() + f.shape(1) * k;
+        (void)ipe_stuck_sensor_push(&stuck, IPE_IMU, t_ns.data()[k], imu.data() + 10 * k);
+        if (!ipe_stuck_sensor_push(&stuck, IPE_FORCE, t_ns.data()[k], force)) {
+            ipe_align_set_unknown_force(align.get(), stuck.unknown);
+            (void)ipe_align_push(align.get(), IPE_FORCE, t_ns.data()[k], force);
+        }
         pop_all(*align, rows.row);
     }
     push_positions(INT64_MAX);
@@ -141,6 +149,7 @@ nb::dict track(const inertiad::Config& config, const Rows& rows)
     for (const ipe_row_t& row : rows.row) {
         double imu[10];
         std::copy_n(row.acc, 3, imu), std::copy_n(row.gyro, 3, imu + 3), std::copy_n(row.q, 4, imu + 6);
+        ipe_align_set_unknown_force(&align, row.unknown_force);
         (void)ipe_align_push(&align, IPE_FORCE, row.t_ns, row.f);
         if (row.has_position) { (void)ipe_align_push(&align, IPE_POSITION, row.t_ns, row.position); }
         (void)ipe_align_push(&align, IPE_IMU, row.t_ns, imu);

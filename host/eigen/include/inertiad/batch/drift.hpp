@@ -4,6 +4,8 @@
 
 #include "run_windows.hpp"
 
+#include <Eigen/Cholesky>
+
 #include <cmath>
 
 namespace inertiad::detail {
@@ -23,22 +25,38 @@ public:
     }
 
     /// Equations [6][n_columns] of a window, of which drift makes by_drift [6][3 + m] times itself, become innovations;
-    /// returns the covariance of drift's part in them. V: of the rest.
-    Square6 take_out(const ipe_average_t& window, const Eigen::MatrixXd& by_drift, const Square6& V,
-                     Eigen::Ref<Eigen::MatrixXd> rows)
+    /// returns the covariance of drift's part in them. V: of the rest. They say nothing along by_unknown [6][n], the columns of
+    /// failed sensors' forces.
+    Square6 take_out(const ipe_average_t& window, const Eigen::MatrixXd& by_drift, const Eigen::MatrixXd& by_unknown,
+                     const Square6& V, Eigen::Ref<Eigen::MatrixXd> rows)
     {
         if (!is_modelled_) { return Square6::Zero(); }
         predict(window);
-        const Eigen::MatrixXd PH = P_ * by_drift.transpose();
-        const Square6 part = by_drift * PH;
-        const Eigen::MatrixXd gain = Square6(part + V).llt().solve(PH.transpose()).transpose();
+        const Square6 part = by_drift * P_ * by_drift.transpose();
+        const Eigen::LLT<Square6> A(Square6(part + V));
         rows -= by_drift * estimate_;
+        Eigen::MatrixXd known = by_drift;
+        if (by_unknown.cols() > 0) {
+            const Square6 left = without(by_unknown, A);
+            rows = (left * rows).eval();
+            known = left * by_drift;
+        }
+        const Eigen::MatrixXd PH = P_ * known.transpose();
+        const Eigen::MatrixXd gain = A.solve(PH.transpose()).transpose();
         estimate_ += gain * rows;
         P_ -= gain * PH.transpose();
         return part;
     }
 
 private:
+    /// Projection along columns W [6][n], in the metric of A.
+    static Square6 without(const Eigen::MatrixXd& W, const Eigen::LLT<Square6>& A)
+    {
+        const Eigen::MatrixXd along = A.solve(W);
+        const Eigen::MatrixXd information = W.transpose() * along;
+        return Square6::Identity() - W * information.ldlt().solve(along.transpose());
+    }
+
     void predict(const ipe_average_t& window)
     {
         const bool is_first = t_ns_ == 0;

@@ -4,8 +4,13 @@
 
 #include "run_windows.hpp"
 
+extern "C" {
+#include "unknown_force.h"
+}
+
 #include <Eigen/QR>
 
+#include <array>
 #include <stdexcept>
 #include <vector>
 
@@ -15,6 +20,7 @@ namespace inertiad::detail {
 struct Equations {
     Eigen::MatrixXd rows;
     std::vector<Eigen::MatrixXd> by_drift;
+    std::vector<Eigen::MatrixXd> by_unknown;  ///< [6][n] of each window's n failed force sensors
 
     Column6 residual(std::size_t k) const
     {
@@ -42,6 +48,45 @@ inline Eigen::MatrixXd geometry_columns(const Eigen::MatrixXd& W, const ipe_aver
     }
     return G;
 }
+
+/// Failed sensors read the most probable forces, one window after the other, as ipe_estimator_restore_forces() makes them.
+class RestoredForces {
+public:
+    explicit RestoredForces(const ipe_config_t& config) : config_(config) {}
+
+    /// Forces of the window and its wrench y, by its residual. Returns the columns [6][n] of its n failed sensors. Throws where
+    /// a cable has no direction.
+    Eigen::MatrixXd restore(Column6 residual, SmoothWindow& window, Column6& y)
+    {
+        ipe_average_t& a = window.average;
+        ipe_unknown_force_t u;
+        if (ipe_unknown_force_columns(&config_, &a, &u) != IPE_OK) {
+            throw std::domain_error("a cable has no direction near a window's pose");
+        }
+        Eigen::MatrixXd columns(6, u.n);
+        for (int k = 0; k < u.n; ++k) {
+            const auto j = static_cast<std::size_t>(u.cable[k]);
+            const Eigen::Map<const Column6> mean(u.mean[k]), turned(u.turned[k]);
+            const double excess = mean.dot(residual) / mean.squaredNorm(), gain = 1.0 + config_.force_gain[j];
+            const double elapsed = 1e-9 * static_cast<double>(a.t_ns - last_ns_[j]);
+            a.f[j] -= excess / gain;
+            residual -= excess * mean;
+            y -= excess * mean;
+            if (last_ns_[j] != 0 && elapsed < LONGEST_STEP) { y += (a.f[j] - last_[j]) / elapsed * gain * turned; }
+            last_[j] = a.f[j];
+            last_ns_[j] = a.t_ns;
+            columns.col(k) = mean;
+        }
+        return columns;
+    }
+
+private:
+    static constexpr double LONGEST_STEP = 0.5;  // s, as in firmware/core/estimator.c
+
+    const ipe_config_t& config_;
+    std::array<double, IPE_CABLES_MAX> last_{};
+    std::array<int64_t, IPE_CABLES_MAX> last_ns_{};
+};
 
 /// The tensions nearest to a window's that pull as its residual [6] says they should.
 inline SmoothWindow reproducing(const Eigen::MatrixXd& W, const Column6& residual, SmoothWindow a)

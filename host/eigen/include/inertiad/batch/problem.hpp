@@ -110,12 +110,15 @@ struct Problem {
         Equations found;
         const Theta& x = theta[static_cast<std::size_t>(of.group)];
         found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
+        RestoredForces restored(corrected.c());
         const std::vector<SmoothWindow> smooth = smoothed(of.derived, run.window);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             const ipe_average_t& a = run.window[k];
             auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
             Column6 y = Eigen::Map<const Vector6>(a.y);
             found.by_drift.push_back(Eigen::MatrixXd::Zero(6, 3 + config.n_cables()));
+            found.by_unknown.emplace_back(6, 0);
+            if (free.empty() && a.unknown_force != 0) { continue; }  // only with the sensors' columns it says something
             if (free.empty()) {
                 block.middleCols<IPE_NP>(IPE_NP * of.group) = regressor(a);
                 block.col(n) = y - regressor(a) * x;
@@ -124,10 +127,12 @@ struct Problem {
             const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
             if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
             y += linear_part(corrected, of.derived, smooth[k], x);
+            SmoothWindow with_forces = smooth[k];
+            found.by_unknown.back() = restored.restore(y - regressor(a) * x, with_forces, y);
             block.col(n) = y - regressor(a) * x;
             const Regressor Y = regressor(smooth[k].average);
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
-            const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
+            const SmoothWindow at = reproducing(W, y - Y * x, with_forces);
             const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
             const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&a.R[0][0]);
             found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
@@ -148,8 +153,8 @@ struct Problem {
         Column6 explained = Column6::Zero();
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained += drift.take_out(run.window[k], measured.by_drift[k], V_before, e).diagonal();
-            innovation.push_back(e);
+            explained += drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V_before, e).diagonal();
+            innovation.push_back(std::sqrt(6.0 / (6.0 - static_cast<double>(measured.by_unknown[k].cols()))) * e);
         }
         return run_covariance(config, run.window, innovation, explained);
     }
@@ -160,7 +165,7 @@ struct Problem {
         Drift drift(config.c(), !free.empty(), n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Square6 part = drift.take_out(run.window[k], measured.by_drift[k], C, block);
+            const Square6 part = drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], C, block);
             const Square6 L = Square6(part + C).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
         }
