@@ -24,10 +24,10 @@ static double off_line(double a, double b, double x, double r)
     return x - b - r * (b - a);
 }
 
-/// e at r to that of even spacing, for white noise in a, b and x.
+/// e at r to that of even spacing, for white noise in a, b and x: sqrt(3/(1 + r + r^2)) within 4 % for r of 0.5 to 3.
 static double evened(double r)
 {
-    return sqrt(6.0 / (1.0 + (1.0 + r) * (1.0 + r) + r * r));
+    return 2.0 / (1.0 + r);
 }
 
 /// Size from which on |e| of channel i is suspicious.
@@ -38,11 +38,10 @@ static double limit(const ipe_spike_gate_t* g, const double* b, int i)
     return fmax(fmax((double)(SUSPECT * g->noise[i]), g->least[i]), g->least_share * mean);
 }
 
-static void learn(ipe_spike_gate_t* g, int i, float size)
+static float learnt(float noise, float size, float share)
 {
-    const bool has_scale = g->n_learnt > LEARNING / 2 && g->noise[i] > 0.0F;
-    const float counted = has_scale ? fminf(size, CLIP * g->noise[i]) : size;
-    g->noise[i] += (counted - g->noise[i]) / (float)g->n_learnt;
+    const bool is_clipped = share < 2.0F / LEARNING && noise > 0.0F && size > CLIP * noise;
+    return noise + share * ((is_clipped ? CLIP * noise : size) - noise);
 }
 
 bool ipe_spike_gate_is_suspect(ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r)
@@ -51,10 +50,11 @@ bool ipe_spike_gate_is_suspect(ipe_spike_gate_t* g, const double* a, const doubl
     if (!(r > 0.0 && r < LONGEST_REACH)) { return false; }
     const double scale = evened(r);
     g->n_learnt += g->n_learnt < MEMORY;
+    const float share = 1.0F / (float)g->n_learnt;
     for (int i = 0; i < g->n_channels; ++i) {
-        const double e = scale * fabs(off_line(a[i], b[i], x[i], r));
-        if (e > (double)(SUSPECT * g->noise[i]) && g->n_learnt > LEARNING) { is_suspect |= e > limit(g, b, i); }
-        learn(g, i, (float)e);
+        const float e = (float)(scale * fabs(off_line(a[i], b[i], x[i], r)));
+        if (e > SUSPECT * g->noise[i] && g->n_learnt > LEARNING) { is_suspect |= (double)e > limit(g, b, i); }
+        g->noise[i] = learnt(g->noise[i], e, share);
     }
     return is_suspect;
 }

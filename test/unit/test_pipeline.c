@@ -296,6 +296,27 @@ static void test_step_spikes_change_nothing_but_their_counters(void)
     }
 }
 
+static void test_step_window_that_stands_out_weighs_less(void)
+{
+    uint64_t n_weighted = 0;
+    for (double push = 1.0; push < 1e3 && n_weighted == 0; push *= 1.15) {  // given: 30 ms of a push, ever stronger,
+        init(&pipeline);
+        seed = 77;
+        for (int k = 0; k < N_SAMPLES; ++k) {
+            ideal_t x = sample[k];
+            for (int i = 0; i < 8; ++i) { x.f[i] += 0.5 * normal(&seed) + (k >= 15000 && k < 15030 ? push : 0.0); }
+            push_ideal(&pipeline, &x, k);
+            (void)drain(&pipeline);
+        }
+        n_weighted = counter("rls.weighted");  // when: until a window stands out
+        TEST_ASSERT_EQUAL_UINT64(0, counter("detect.changes"));
+    }
+    const ipe_body_t* b = &pipeline.estimator.estimate.body;
+    TEST_ASSERT_GREATER_THAN_UINT64(0, n_weighted);  // then
+    TEST_ASSERT_LESS_THAN_UINT64(5, n_weighted);
+    ASSERT_BELOW(1e-3 * 161.058, fabs(b->mass - 161.058));
+}
+
 static void test_step_rest_does_not_wear_the_estimate(void)
 {
     config.memory = 600.0;  // given: identified, and older data count less
@@ -713,6 +734,7 @@ int main(void)
     RUN_TEST(test_step_saturated_force_sensor_is_done_without);
     RUN_TEST(test_step_force_sensor_that_is_well_again_is_used);
     RUN_TEST(test_step_spikes_change_nothing_but_their_counters);
+    RUN_TEST(test_step_window_that_stands_out_weighs_less);
     RUN_TEST(test_step_rest_does_not_wear_the_estimate);
     RUN_TEST(test_step_payload_laid_on_at_rest_is_noticed_and_weighed);
     RUN_TEST(test_freeze_keeps_the_estimate_until_it_is_lifted);

@@ -90,6 +90,8 @@ _UNWANTED = {
     "bad_quaternion",
     "bad_geometry",
     "signal_not_finite",
+    "spikes",
+    "unreachable",
     "failed",
 }
 
