@@ -45,14 +45,14 @@ typedef struct {
     int32_t position_source;
     double fixed_position[3];
     int64_t max_wait_ns, max_age_ns[IPE_SENSOR_COUNT], delay_ns[IPE_SENSOR_COUNT];
-    bool is_ending;  ///< no more samples will come: do not wait
-    uint32_t unknown_force;  ///< of the samples of force that come next, types.h
+    bool is_ending;                      ///< no more samples will come: do not wait
+    uint32_t unknown_force;              ///< of the samples of force that come next, types.h
     double reach_low[2], reach_high[3];  ///< W, m: the anchors' box and a margin; it widens downwards, 1 m per m
 
     ipe_spike_gate_t spike_gate[IPE_SENSOR_COUNT];  ///< of force and position
 
     ipe_ring_t ring[IPE_SENSOR_COUNT];
-    double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
+    double imu[IPE_RING][10];    ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
     uint16_t unknown[IPE_RING];  ///< of force
     uint32_t stepped;            ///< forces that stepped, and are unknown
@@ -60,8 +60,8 @@ typedef struct {
     int n_doubted;               ///< for so many more samples
     double position[IPE_RING][3];
     ipe_lateness_t lateness[IPE_SENSOR_COUNT];
-    int64_t row_ns;          ///< instant of the last row; 0: none yet
-    uint64_t position_seen;  ///< the tracker sample at or before the last row that has a position
+    int64_t row_ns;                          ///< instant of the last row; 0: none yet
+    uint64_t position_seen;                  ///< the tracker sample at or before the last row that has a position
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much

@@ -12,9 +12,10 @@
 #define REST_WINDOWS 50  // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
 #define LEARNING_WINDOWS \
     50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
-#define HUBER_NIS 30.0   // from which on a window counts for less: chi-squared with 6 degrees of freedom exceeds it in 4e-5
-#define LEAST_WEIGHT 0.1  // so that a misfit that lasts is not thrown away
-#define LONGEST_STEP 0.5  // s between windows over which a force changes linearly
+#define HUBER_NIS \
+    30.0  // from which on a window counts for less: chi-squared with 6 degrees of freedom exceeds it in 4e-5
+#define LEAST_WEIGHT 0.1   // so that a misfit that lasts is not thrown away
+#define LONGEST_STEP 0.5   // s between windows over which a force changes linearly
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define PRIOR_INTERVAL \
     50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
@@ -186,9 +187,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (status != IPE_OK) { return status; }
     e->n_unknown_force += u.n > 0;
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
-    if (verdict == IPE_CHANGE_DETECTOR_USE) {
-        learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S);
-    }
+    if (verdict == IPE_CHANGE_DETECTOR_USE) { learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S); }
     if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
     return IPE_OK;
 }

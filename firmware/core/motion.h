@@ -89,9 +89,9 @@ typedef struct {
     double sum_e[3], sum_R_position[3][3], sum_velocity[3], sum_since;  ///< over its positions
     int n_positions;
     int n_refused_row;  ///< positions refused one after another, none further from the one before than a platform moves
-    double refused[3];                                                  ///< the last of them, W, m
-    int64_t refused_at_ns;                                              ///< and its row
-    int64_t refused_ns;                                                 ///< the first of them
+    double refused[3];  ///< the last of them, W, m
+    int64_t refused_at_ns;              ///< and its row
+    int64_t refused_ns;                 ///< the first of them
     ipe_motion_epoch_t* epoch;          ///< where a smoother reads them; NULL: none does
     ipe_attitude_error_t error;         ///< as of the last epoch
 

@@ -141,12 +141,12 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
         ++p->n_frozen;
         return IPE_IGNORED;
     }
-    ipe_estimator_predict(&p->estimator, &p->config, &average);                           // states -> now
+    ipe_estimator_predict(&p->estimator, &p->config, &average);                  // states -> now
     status = ipe_estimator_restore_forces(&p->estimator, &p->config, &average);  // of failed sensors
     if (status != IPE_OK) { return status; }
-    status = ipe_estimator_update(&p->estimator, &p->config, &average);       // window -> theta, xi, P
+    status = ipe_estimator_update(&p->estimator, &p->config, &average);          // window -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);  // theta, P -> body
+    status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);     // theta, P -> body
     if (status == IPE_OK && estimate != NULL) { *estimate = p->estimator.estimate; }
     return status;
 }

@@ -4,11 +4,11 @@
 #include <math.h>
 #include <string.h>
 
-#define LEARNING 32      // samples before the noise has a meaning
-#define MEMORY 64        // samples that the noise is a mean of
-#define CLIP 3.0F        // times the noise that one sample counts for: spikes and jolts barely move it
-#define SUSPECT 12.0F    // times the noise, 10 sigma of white noise: chosen so that healthy runs have none
-#define BACK 0.25        // of the spike, within which the next sample is back
+#define LEARNING 32        // samples before the noise has a meaning
+#define MEMORY 64          // samples that the noise is a mean of
+#define CLIP 3.0F          // times the noise that one sample counts for: spikes and jolts barely move it
+#define SUSPECT 12.0F      // times the noise, 10 sigma of white noise: chosen so that healthy runs have none
+#define BACK 0.25          // of the spike, within which the next sample is back
 #define LONGEST_REACH 3.0  // spacings: chosen so that a line through two noisy samples still predicts
 
 void ipe_spike_gate_init(ipe_spike_gate_t* g, int n_channels, const double* least, double least_share)

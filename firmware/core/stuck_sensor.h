@@ -32,14 +32,14 @@ typedef struct {
 
 /// What is known of a force signal.
 typedef struct {
-    float before;      ///< the sample before the last
-    float noise;       ///< mean of |second difference| over recent samples, N
-    float resolution;  ///< smallest change seen, N
-    int32_t n_seen;    ///< samples that changed, until there are enough
-    int32_t n_longest; ///< most samples that it was the same for while well
-    float stuck_at;    ///< value at which it was stuck last,
-    bool was_stuck;    ///< if it ever was
-    double range_end;  ///< value from which on it is saturated
+    float before;       ///< the sample before the last
+    float noise;        ///< mean of |second difference| over recent samples, N
+    float resolution;   ///< smallest change seen, N
+    int32_t n_seen;     ///< samples that changed, until there are enough
+    int32_t n_longest;  ///< most samples that it was the same for while well
+    float stuck_at;     ///< value at which it was stuck last,
+    bool was_stuck;     ///< if it ever was
+    double range_end;   ///< value from which on it is saturated
 } ipe_stuck_sensor_force_t;
 
 typedef struct {
@@ -51,11 +51,11 @@ typedef struct {
     float f_reference[IPE_CABLES_MAX];  ///< forces when the IMU last changed, N; 0: not seen yet
     ipe_stuck_sensor_channel_t channel[IPE_STUCK_SENSOR_CHANNELS];
     ipe_stuck_sensor_force_t force[IPE_CABLES_MAX];
-    uint32_t unknown;                      ///< cables whose force the last sample does not tell, bit i: cable i
+    uint32_t unknown;                       ///< cables whose force the last sample does not tell, bit i: cable i
 
-    uint64_t n_stuck[IPE_SENSOR_COUNT];    ///< samples refused
-    uint64_t n_unknown;                    ///< samples of force used with a force unknown
-    uint64_t n_unknown_of[IPE_CABLES_MAX]; ///< of these, each cable's
+    uint64_t n_stuck[IPE_SENSOR_COUNT];     ///< samples refused
+    uint64_t n_unknown;                     ///< samples of force used with a force unknown
+    uint64_t n_unknown_of[IPE_CABLES_MAX];  ///< of these, each cable's
 } ipe_stuck_sensor_t;
 
 void ipe_stuck_sensor_init(ipe_stuck_sensor_t* k, const ipe_config_t* config);

@@ -28,7 +28,8 @@ typedef struct {
 /// Columns of a window's unknown forces; none where average->unknown_force is 0.
 ///
 /// IPE_OK; IPE_ERR_RANGE: more than IPE_UNKNOWN_FORCE_MAX; IPE_ERR_GEOMETRY: a cable has no direction. u not usable then.
-ipe_status_t ipe_unknown_force_columns(const ipe_config_t* config, const ipe_average_t* average, ipe_unknown_force_t* u);
+ipe_status_t ipe_unknown_force_columns(const ipe_config_t* config, const ipe_average_t* average,
+                                       ipe_unknown_force_t* u);
 
 /// Take the unknown forces of a window out of its equations.
 ///

@@ -555,7 +555,7 @@ static void test_pop_row_near_an_unknown_force_names_it(void)
         (void)push_position(k * 4 * MS);
         (void)push_imu(k * 4 * MS + MS);
     }
-    for (int k = 0; k < 8 && ipe_align_pop(&align, &row) == IPE_OK; ++k) {  // when
+    for (int k = 0; k < 8 && ipe_align_pop(&align, &row) == IPE_OK; ++k) {            // when
         TEST_ASSERT_EQUAL_UINT32(k >= 2 && k <= 6 ? 1U << 2 : 0, row.unknown_force);  // then: of the four around it
     }
 }

@@ -70,7 +70,7 @@ static void test_stepped_names_the_channel_that_stays_away(void)
 static void test_is_suspect_smaller_than_least_is_none(void)
 {
     double x[2];
-    TEST_ASSERT_FALSE(feed(300, 7.0, x));   // 14 sigma, but under 2 % of the mean
+    TEST_ASSERT_FALSE(feed(300, 7.0, x));  // 14 sigma, but under 2 % of the mean
     TEST_ASSERT_TRUE(feed(300, 20.0, x));
 }
 
@@ -78,7 +78,7 @@ static void test_is_suspect_spikes_do_not_teach_the_noise(void)
 {
     double x[2];
     const float noise = gate.noise[1];
-    for (int k = 300; k < 1300; ++k) {  // given: a spike every 50 samples, when
+    for (int k = 300; k < 1300; ++k) {                                    // given: a spike every 50 samples, when
         const bool is_spike = k % 50 == 0;
         TEST_ASSERT_EQUAL(is_spike, feed(k, is_spike ? 300.0 : 0.0, x));  // then
         if (!is_spike) { keep(x); }

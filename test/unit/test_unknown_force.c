@@ -71,7 +71,7 @@ static void test_take_out_nothing_is_told_along_the_cables(void)
 {
     const double *w = add_unknown(), *v = add_unknown();
     const double along_w = information(w), along_v = information(v);  // given
-    TEST_ASSERT_EQUAL_INT(IPE_OK, take_out());                                // when
+    TEST_ASSERT_EQUAL_INT(IPE_OK, take_out());                        // when
     ASSERT_BELOW(1e-6 * along_w, information(w));                     // then
     ASSERT_BELOW(1e-6 * along_v, information(v));
 }
@@ -101,7 +101,7 @@ static void test_take_out_finds_the_force(void)
 {
     const double* w = add_unknown();
     for (int i = 0; i < IPE_NY; ++i) { innovation[i] = 150.0 * w[i]; }  // given: read 150 N too much
-    TEST_ASSERT_EQUAL_INT(IPE_OK, take_out());                            // when
+    TEST_ASSERT_EQUAL_INT(IPE_OK, take_out());                          // when
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 150.0, excess[0]);                  // then
     for (int i = 0; i < IPE_NY; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.0, innovation[i]); }
 }
@@ -133,7 +133,8 @@ static void test_columns_are_those_of_a_moving_platform(void)
         pose_at(3.0 + t, p, rpy);
         rate_at(3.0 + t, w);
         mat3_from_quat(x.q, R);
-        TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_wrench_matrix(&config, p, (const double (*)[3])R, config.imu_position, W, sag));
+        TEST_ASSERT_EQUAL_INT(IPE_OK,
+                              ipe_wrench_matrix(&config, p, (const double (*)[3])R, config.imu_position, W, sag));
         for (int i = 0; i < IPE_NY; ++i) { exact[i] += share * (pull + growth * t) * W[i][2]; }
         for (int i = 0; i < 3; ++i) {
             a.p[i] += share * p[i];
@@ -147,7 +148,7 @@ static void test_columns_are_those_of_a_moving_platform(void)
         }
     }
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_unknown_force_columns(&config, &a, &u));  // when
-    TEST_ASSERT_EQUAL_INT(1, u.n);                                              // then: a tenth of what W's turning makes
+    TEST_ASSERT_EQUAL_INT(1, u.n);  // then: a tenth of what W's turning makes
     TEST_ASSERT_EQUAL_INT(2, u.cable[0]);
     double off = 0.0, turned = 0.0;
     for (int i = 0; i < IPE_NY; ++i) {

@@ -153,7 +153,8 @@ struct Problem {
         Column6 explained = Column6::Zero();
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained += drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V_before, e).diagonal();
+            explained +=
+                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V_before, e).diagonal();
             innovation.push_back(std::sqrt(6.0 / (6.0 - static_cast<double>(measured.by_unknown[k].cols()))) * e);
         }
         return run_covariance(config, run.window, innovation, explained);
