@@ -174,7 +174,7 @@ static void report_unknown_force(daemon_t* d, int cable)
     switch (update_loss(l, d->pipeline->stuck_sensor.n_unknown_of[cable])) {
     case LOSS_BEGAN:
         report(d, health_sensor_name(IPE_FORCE),
-               "the sensor of cable %d is stuck at %g N: the estimate goes on without it; replace it", cable + 1,
+               "the sensor of cable %d is stuck at %g N: the estimate goes on without it; check it", cable + 1,
                (double)d->pipeline->stuck_sensor.f[cable]);
         break;
     case LOSS_ENDED:

@@ -139,6 +139,7 @@ static bool is_force_stuck(ipe_stuck_sensor_t* k, int i, bool is_stuck, int n_ch
         f->was_stuck = true;
         f->stuck_at = k->f[i];
     }
+    f->was_stuck = f->was_stuck && k->f[i] <= f->stuck_at;  // more than that: it was not saturated there
     return (f->was_stuck && k->f[i] == f->stuck_at) || (double)k->f[i] >= f->range_end;
 }
 

@@ -9,7 +9,7 @@
 /// each as a mean over some 0.2 s, which vibration does not move. At rest nothing is stuck: there a coarse signal may
 /// repeat for long. Sooner, after 8 samples and four times as many as it ever repeated, a force channel is stuck whose noise is
 /// over four steps of its resolution and which repeats while at least half of the others change.
-/// From then on a sample of that very value is stuck at once (a saturated sensor comes back to it), as is one at the end of
+/// Until it reads more, a sample of that very value is stuck at once (a saturated sensor comes back to it), as is one at the end of
 /// its signal's range.
 /// Up to two force channels, fewer than half, may be stuck: the sample is used, their forces are unknown. Else it is refused.
 /// 1.2 KB of state, 20 ns per sample, one thread.

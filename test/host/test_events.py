@@ -76,6 +76,29 @@ def test_sensor_that_falls_silent_is_told_lost_and_back(run, tmp_path):
     assert n["align.rows"] + sum(n[f"align.{c}"] for c in ("force.missing", "force.late", "overrun")) > 590
 
 
+def test_force_sensor_that_sticks_is_named_and_done_without(run, tmp_path):
+    lines = (run / "can.log").read_text().splitlines()
+    begin = stamp(lines[0])
+    is_force = [" 020#" in line for line in lines]  # forces 1 to 4, 16 bits each
+    value = next(x[-8:-4] for x, f in zip(lines, is_force, strict=True) if f and stamp(x) - begin > 2.6)
+    is_stuck = [f and 2.6 < stamp(x) - begin < 3.9 for x, f in zip(lines, is_force, strict=True)]
+    log = tmp_path / "can.log"
+    kept = [f"{x[:-8]}{value}{x[-4:]}" if s else x for x, s in zip(lines, is_stuck, strict=True)]
+    log.write_text("\n".join(kept) + "\n")
+    result = daemon(run, log, tmp_path / "run.lcmlog")
+    assert result.returncode == 0
+    events = [text for source, text in events_of(tmp_path / "run.lcmlog") if source == "force"]
+    assert re.fullmatch(
+        r"the sensor of cable 3 is stuck at \S+ N: the estimate goes on without it; check it", events[0]
+    )
+    assert re.fullmatch(r"the sensor of cable 3 is well again; \d+ samples were stuck", events[1])
+    assert len(events) == 2
+    n = counters(result)
+    assert n["stuck.force.unknown"] == pytest.approx(123, abs=5)
+    assert n["stuck.force.refused"] == 0
+    assert n["detect.changes"] == 0
+
+
 def test_late_sensor_is_reported_with_the_key_to_raise(run, tmp_path):
     robot = tmp_path / "robot"
     shutil.copytree(run, robot)

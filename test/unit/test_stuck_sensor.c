@@ -144,6 +144,16 @@ static void test_push_value_it_was_stuck_at_is_unknown_at_once(void)
     TEST_ASSERT_EQUAL_UINT32(1, stuck.unknown);  // and saturated at once
 }
 
+static void test_push_value_it_was_stuck_at_is_well_once_more_was_read(void)
+{
+    feed_rest(2000, 1000, 1, 400.5);  // given: frozen once,
+    double f[IPE_CABLES_MAX] = {401.0, 401.0, 402.0, 403.0, 404.0, 405.0, 406.0, 407.0};
+    (void)ipe_stuck_sensor_push(&stuck, IPE_FORCE, 2000 * 5 * MS, f);
+    f[0] = 400.5;
+    (void)ipe_stuck_sensor_push(&stuck, IPE_FORCE, 2001 * 5 * MS, f);
+    TEST_ASSERT_EQUAL_UINT32(0, stuck.unknown);
+}
+
 static void test_push_end_of_the_range_is_unknown_at_once(void)
 {
     for (int i = 0; i < config.n_signals; ++i) {  // given: 12 bits of 1 N
@@ -210,6 +220,7 @@ int main(void)
     RUN_TEST(test_push_one_stuck_force_is_unknown_until_it_moves_again);
     RUN_TEST(test_push_noisy_force_that_falls_silent_is_unknown_after_8_samples);
     RUN_TEST(test_push_value_it_was_stuck_at_is_unknown_at_once);
+    RUN_TEST(test_push_value_it_was_stuck_at_is_well_once_more_was_read);
     RUN_TEST(test_push_end_of_the_range_is_unknown_at_once);
     RUN_TEST(test_push_three_stuck_forces_are_refused);
     RUN_TEST(test_push_samples_that_a_gateway_repeats_are_not_stuck);
