@@ -165,7 +165,7 @@ static bool watch_forces(ipe_stuck_sensor_t* k, int64_t t_ns, const double* valu
         k->unknown |= 1U << (unsigned)i;
         ++n_unknown;
     }
-    if (n_unknown > UNKNOWN_MAX || 2 * n_unknown > k->n_cables) { return true; }
+    if (n_unknown > UNKNOWN_MAX || (n_unknown > 0 && 2 * n_unknown >= k->n_cables)) { return true; }
     k->n_unknown += n_unknown > 0;
     for (int i = 0; i < k->n_cables; ++i) { k->n_unknown_of[i] += k->unknown >> (unsigned)i & 1U; }
     return false;
