@@ -101,7 +101,7 @@ def wrench_matrix(mechanics: Mechanics, t: Array, motion: Motion) -> tuple[Array
 
 
 def cable_mass_wrench(mechanics: Mechanics, motion: Motion) -> Array:
-    """Wrench [N, 6] of the mass of the cables that a motion moves, about P, P axes. wrench_matrix() has their directions."""
+    """Wrench [N, 6] of the mass of the cables that a motion moves, about P, P axes."""
     m = motion
     rows = (np.ascontiguousarray(x) for x in (m.p, m.v, m.a, m.R, m.omega, m.alpha))
     return np.asarray(inertiad_core.cable_mass_wrench(mechanics.config, *rows))
