@@ -14,7 +14,7 @@
 
 enum { ITEMS_PER_TURN = 4096, BATCHES_PER_TURN = 16, MESSAGES_PER_TURN = 64 };
 
-/// What woke the loop. Interfaces follow the last one: WAKE_BUS + index.
+/// Cause of the wake-up. Interfaces follow the last one: WAKE_BUS + index.
 enum { WAKE_SIGNAL, WAKE_SECOND, WAKE_PACE, WAKE_INPUT, WAKE_LCM, WAKE_BUS };
 
 static void watch(daemon_t* d, int fd, uint64_t wake, uint32_t events)

@@ -195,6 +195,18 @@ static void report_change(daemon_t* d)
     ipe_publish_event(&d->publisher, d->last_row_ns, "detect", "payload changed");
 }
 
+static void report_force_delay(daemon_t* d)
+{
+    const double delay = d->pipeline->estimator.force_delay;
+    if (delay == d->force_delay_reported) { return; }
+    d->force_delay_reported = delay;
+    if (delay == 0.0) { return; }  // forgotten by a command
+    report(
+        d, health_sensor_name(IPE_FORCE),
+        "the samples are %+.1f ms late; they are shifted now and the estimate begins again: set [align] delay_force = %.4f",
+        1e3 * delay, d->config.delay[IPE_FORCE] + delay);
+}
+
 /// Once a second of data time; not at the first call, when there is nothing to compare with.
 static void check_second(daemon_t* d, int64_t t_ns)
 {
@@ -212,6 +224,7 @@ void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
     report_change(d);
+    report_force_delay(d);
     check_second(d, frame->t_ns);
     check_sensors(d, frame->t_ns);
 }

@@ -285,7 +285,7 @@ static void open_notify(daemon_t* d)
     }
 }
 
-/// What later explains the stamps, as it is once everything is set.
+/// Facts that later explain the stamps, as they are once everything is set.
 static void read_facts(daemon_t* d)
 {
     char name[IPE_FACT_NAME_MAX];

@@ -121,6 +121,12 @@ static void note_lateness(ipe_align_t* a, ipe_sensor_t sensor, int64_t instant)
     of->n_too_late += a->row_ns != 0 && instant < a->row_ns;
 }
 
+void ipe_align_set_force_delay(ipe_align_t* a, double delay)
+{
+    a->force_delay_ns = to_ns(delay);
+    a->undelayed = a->ring[IPE_FORCE].cursor;
+}
+
 ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor)
 {
     return a->lateness[sensor];
@@ -392,30 +398,35 @@ static bool may_wait_for(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
     return !a->is_ending && !is_full && waited <= a->max_wait_ns + n_awaited * period(a, sensor);
 }
 
-/// Put the ring's cursor on the sample at or before t and say whether t can be interpolated from there.
-static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns)
-{
-    ipe_ring_t* ring = &a->ring[sensor];
-    if (ring->cursor < oldest(ring)) { ring->cursor = oldest(ring); }
-    while (ring->cursor + 1 < usable(ring) && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) {
-        ++ring->cursor;
-    }
-    if (usable(ring) == ring->first) { return may_wait_for(a, sensor, t_ns) ? WAIT : LATE; }
-    const int64_t since = t_ns - stamp(ring, ring->cursor);
-    if (since < -SAME_INSTANT_NS) { return GAP; }
-    if (since <= SAME_INSTANT_NS) { return FOUND; }
-    const uint64_t behind = usable(ring) - 1 - ring->cursor;
-    if (behind < NEIGHBOURS && may_wait_for(a, sensor, t_ns)) { return WAIT; }
-    if (behind < 1) { return LATE; }
-    return stamp(ring, ring->cursor + 1) - stamp(ring, ring->cursor) > a->max_age_ns[sensor] ? GAP : FOUND;
-}
-
-/// Cubic Hermite weights of the samples cursor - 1 .. cursor + 2 at t. A missing outer neighbour, or one beyond a gap,
-/// leaves the slope of the bracket itself.
-static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, double weight[4])
+/// Put a cursor on the sample at or before t and say whether t can be interpolated from there.
+static search_t search(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, uint64_t* cursor)
 {
     const ipe_ring_t* ring = &a->ring[sensor];
-    const uint64_t i = ring->cursor;
+    if (*cursor < oldest(ring)) { *cursor = oldest(ring); }
+    while (*cursor + 1 < usable(ring) && stamp(ring, *cursor + 1) <= t_ns + SAME_INSTANT_NS) { ++*cursor; }
+    if (usable(ring) == ring->first) { return may_wait_for(a, sensor, t_ns) ? WAIT : LATE; }
+    const int64_t since = t_ns - stamp(ring, *cursor);
+    if (since < -SAME_INSTANT_NS) { return GAP; }
+    if (since <= SAME_INSTANT_NS) { return FOUND; }
+    const uint64_t behind = usable(ring) - 1 - *cursor;
+    if (behind < NEIGHBOURS && may_wait_for(a, sensor, t_ns)) { return WAIT; }
+    if (behind < 1) { return LATE; }
+    return stamp(ring, *cursor + 1) - stamp(ring, *cursor) > a->max_age_ns[sensor] ? GAP : FOUND;
+}
+
+/// The forces at t and, where a delay was found, at t plus that.
+static search_t search_force(ipe_align_t* a, int64_t t_ns)
+{
+    const search_t measured = search(a, IPE_FORCE, t_ns, &a->ring[IPE_FORCE].cursor);
+    if (a->force_delay_ns == 0 || measured != FOUND) { return measured; }
+    return search(a, IPE_FORCE, t_ns + a->force_delay_ns, &a->undelayed);
+}
+
+/// Cubic Hermite weights of the samples i - 1 .. i + 2 at t. A missing outer neighbour, or one beyond a gap, leaves the
+/// slope of the bracket itself.
+static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, uint64_t i, int64_t t_ns, double weight[4])
+{
+    const ipe_ring_t* ring = &a->ring[sensor];
     const double h = 1e-9 * (double)(stamp(ring, i + 1) - stamp(ring, i));
     const double x = 1e-9 * (double)(t_ns - stamp(ring, i)) / h;
     const double h00 = (1.0 + 2.0 * x) * (1.0 - x) * (1.0 - x), h10 = x * (1.0 - x) * (1.0 - x);
@@ -441,17 +452,16 @@ static void hermite_weights(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t
     }
 }
 
-static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, const double* samples, size_t stride,
-                        size_t n, double* out)
+/// Between the samples i and i + 1.
+static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, uint64_t i, int64_t t_ns, const double* samples,
+                        size_t stride, size_t n, double* out)
 {
-    const ipe_ring_t* ring = &a->ring[sensor];
-    const uint64_t i = ring->cursor;
-    if (t_ns - stamp(ring, i) <= SAME_INSTANT_NS) {
+    if (t_ns - stamp(&a->ring[sensor], i) <= SAME_INSTANT_NS) {
         memcpy(out, samples + (i % IPE_RING) * stride, n * sizeof(double));
         return;
     }
     double weight[4];
-    hermite_weights(a, sensor, t_ns, weight);
+    hermite_weights(a, sensor, i, t_ns, weight);
     memset(out, 0, n * sizeof(double));
     for (uint64_t k = 0; k < 4; ++k) {
         if (weight[k] == 0.0) { continue; }
@@ -460,14 +470,14 @@ static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns,
     }
 }
 
-/// Cables whose force a sample around the row does not tell.
-static uint32_t unknown_force(const ipe_align_t* a)
+/// Cables whose force a sample around the row does not tell, i - 1 .. i + 2.
+static uint32_t unknown_around(const ipe_align_t* a, uint64_t i)
 {
     const ipe_ring_t* ring = &a->ring[IPE_FORCE];
-    const uint64_t end = ring->cursor + 1 + NEIGHBOURS;
+    const uint64_t end = i + 1 + NEIGHBOURS;
     uint32_t unknown = 0;
-    for (uint64_t i = ring->cursor > oldest(ring) ? ring->cursor - 1 : ring->cursor; i < end && i < usable(ring); ++i) {
-        unknown |= a->unknown[i % IPE_RING];
+    for (uint64_t k = i > oldest(ring) ? i - 1 : i; k < end && k < usable(ring); ++k) {
+        unknown |= a->unknown[k % IPE_RING];
     }
     return unknown;
 }
@@ -475,6 +485,11 @@ static uint32_t unknown_force(const ipe_align_t* a)
 void ipe_align_set_unknown_force(ipe_align_t* a, uint32_t unknown)
 {
     a->unknown_force = unknown;
+}
+
+static void fill_force(const ipe_align_t* a, uint64_t i, int64_t t_ns, double f[IPE_CABLES_MAX])
+{
+    interpolate(a, IPE_FORCE, i, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, f);
 }
 
 /// The row of the IMU sample at the cursor.
@@ -489,17 +504,23 @@ static void fill_row(ipe_align_t* a, int64_t t_ns, search_t force, search_t posi
     row->has_force = force == FOUND;
     row->has_position = position == FOUND;
     if (row->has_force) {
-        interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
-        row->unknown_force = unknown_force(a);
+        fill_force(a, a->ring[IPE_FORCE].cursor, t_ns, row->f);
+        row->unknown_force = unknown_around(a, a->ring[IPE_FORCE].cursor);
+        if (a->force_delay_ns != 0) { row->unknown_force |= unknown_around(a, a->undelayed); }
     }
     if (row->has_position && a->position_source == IPE_POSITION_FIXED) {
         memcpy(row->position, a->fixed_position, sizeof a->fixed_position);
     } else if (row->has_position) {
         const uint64_t sample = a->ring[IPE_POSITION].cursor;
-        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, row->position);
+        interpolate(a, IPE_POSITION, sample, t_ns, &a->position[0][0], 3, 3, row->position);
         row->is_position_new = sample != a->position_seen;
         a->position_seen = sample;
     }
+}
+
+void ipe_align_undelay_forces(const ipe_align_t* a, double f[IPE_CABLES_MAX])
+{
+    if (a->force_delay_ns != 0) { fill_force(a, a->undelayed, a->row_ns + a->force_delay_ns, f); }
 }
 
 static void count(ipe_align_t* a, ipe_sensor_t sensor, search_t found)
@@ -513,9 +534,9 @@ ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
     ipe_ring_t* imu = &a->ring[IPE_IMU];
     while (imu->cursor < timed(imu)) {
         const int64_t t_ns = stamp(imu, imu->cursor);
-        const search_t force = search(a, IPE_FORCE, t_ns);
+        const search_t force = search_force(a, t_ns);
         const bool is_fixed = a->position_source == IPE_POSITION_FIXED;
-        const search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns);
+        const search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns, &a->ring[IPE_POSITION].cursor);
         if (force == WAIT || position == WAIT) { return IPE_NOT_READY; }
         fill_row(a, t_ns, force, position, row);
         count(a, IPE_FORCE, force);

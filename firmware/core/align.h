@@ -45,6 +45,7 @@ typedef struct {
     int32_t position_source;
     double fixed_position[3];
     int64_t max_wait_ns, max_age_ns[IPE_SENSOR_COUNT], delay_ns[IPE_SENSOR_COUNT];
+    int64_t force_delay_ns;              ///< found by estimation, beyond delay_ns
     bool is_ending;                      ///< no more samples will come: do not wait
     uint32_t unknown_force;              ///< of the samples of force that come next, types.h
     double reach_low[2], reach_high[3];  ///< W, m: the anchors' box and a margin; it widens downwards, 1 m per m
@@ -60,6 +61,7 @@ typedef struct {
     int n_doubted;               ///< for so many more samples
     double position[IPE_RING][3];
     ipe_lateness_t lateness[IPE_SENSOR_COUNT];
+    uint64_t undelayed;                      ///< the force sample at or before the last row's instant by force_delay_ns
     int64_t row_ns;                          ///< instant of the last row; 0: none yet
     uint64_t position_seen;                  ///< the tracker sample at or before the last row that has a position
 
@@ -97,6 +99,13 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
 
 /// The next row, once its sensors are there or are not waited for any longer. IPE_OK or IPE_NOT_READY.
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);
+
+/// The forces are found to be `delay` [s] later than configured: from the next row on, a row whose instant plus delay has
+/// no forces has none.
+void ipe_align_set_force_delay(ipe_align_t* a, double delay);
+
+/// Put the forces of the last row's instant plus the delay found into f [m], N; as they are if none was found.
+void ipe_align_undelay_forces(const ipe_align_t* a, double f[IPE_CABLES_MAX]);
 
 /// Lateness of a sensor since the start. If n_too_late is not 0, max_wait (s) has to be raised over largest_ns.
 ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor);

@@ -23,22 +23,35 @@ static void acceleration_at(const ipe_config_t* config, const ipe_average_t* a, 
     for (int i = 0; i < 3; ++i) { out[i] = a->s[i] - config->gravity * a->R[2][i] + tangential[i] + centripetal[i]; }
 }
 
+/// Velocity of a body point, P axes.
+static void velocity_at(const ipe_average_t* a, const double point[3], double out[3])
+{
+    double of_P[3], turning[3];
+    mat3_tmul_vec((const double (*)[3])a->R, a->velocity, of_P);
+    vec3_cross(a->w, point, turning);
+    vec3_axpy(of_P, 1.0, turning, out);
+}
+
 /// Force of one cable's inertia on the platform, P axes.
 static ipe_status_t inertia_force(const ipe_config_t* config, const ipe_average_t* a, const ipe_cable_t* cable,
                                   double force[3])
 {
-    double b[3], B[3], u[3], acceleration[3];
+    double b[3], B[3], u[3], acceleration[3], velocity[3], across[3];
     ipe_cable_line_t line;
     mat3_mul_vec((const double (*)[3])a->R, cable->attachment, b);
     vec3_axpy(a->p, 1.0, b, B);
     if (ipe_cable_line(cable, B, &line) != IPE_OK) { return IPE_ERR_GEOMETRY; }
     mat3_tmul_vec((const double (*)[3])a->R, line.u, u);
     acceleration_at(config, a, cable->attachment, acceleration);
+    velocity_at(a, cable->attachment, velocity);
     const double mass = cable->weight_per_length * line.free / config->gravity;
-    const double along = vec3_dot(u, acceleration);
+    const double along = vec3_dot(u, acceleration), hauled = vec3_dot(u, velocity);
+    vec3_axpy(velocity, -hauled, u, across);
+    const double paid_out = -hauled / line.free, turning = 0.5 * vec3_dot(across, across) / line.free;
     const double along_share = cable->force_at == IPE_FORCE_AT_WINCH ? 1.0 : 0.0;
     for (int i = 0; i < 3; ++i) {
-        force[i] = -mass * (MOVED_SHARE * (acceleration[i] - along * u[i]) + along_share * along * u[i]);
+        const double moved = MOVED_SHARE * (acceleration[i] - along * u[i] + paid_out * across[i]);
+        force[i] = -mass * (moved + along_share * (along - turning) * u[i]);
     }
     return IPE_OK;
 }

@@ -2,10 +2,11 @@
 /// The cables' own inertia, added to a window's wrench.
 ///
 /// A straight cable of weight w per length and free length L, held at the pulley, turns with its platform end: of its mass a
-/// third moves with the attachment across the line u. The force on the platform at attachment B is
-///   -(w L / 3 g)(I - u u^T) a_B             and, where the force sensor sits at the winch, -(w L / g)(u . a_B) u more:
-/// the tension there also drives the cable along its line. a_B = a_I + ([alpha]x + [w]x[w]x)(b - i) is taken from the
-/// window's averages at its middle pose.
+/// third moves with the attachment across the line u. While it turns at v_t/L it is paid out at L' = -u . v_B, which adds a
+/// Coriolis force. With a_t, v_t the parts of a_B, v_B across u, the force on the platform at attachment B is
+///   -(w L / 3 g)(a_t + (L'/L) v_t)   and, where the force sensor sits at the winch,  -(w L / g)(u . a_B - |v_t|^2/2L) u more:
+/// the tension there also drives the cable along its line. a_B = a_I + ([alpha]x + [w]x[w]x)(b - i) and v_B = v_P + w x b
+/// are taken from the window's averages at its middle pose.
 /// The cable must stay straight: it holds below about half the first transverse frequency sqrt(f g / w)/(2 L) of each cable
 /// (CoGiRo 4 Hz, 2.5 N/m on it 2 Hz, facades of 30 m 0.5 Hz). The true force is 4 % larger at a quarter of it, 22 % at half.
 /// Source: firmware/DESIGN.md, "Cables". No state, any thread, 1 us per window of 8 cables.

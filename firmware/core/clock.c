@@ -83,7 +83,7 @@ static void make_room(ipe_clock_t* c)
     }
 }
 
-/// Rate 1 and the smallest offset seen: all that a short record tells.
+/// Rate 1 and the smallest offset seen: a short record determines no more.
 static void fit_offset(ipe_clock_t* c)
 {
     c->rate = 1.0;

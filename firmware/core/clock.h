@@ -21,7 +21,7 @@ enum { IPE_CLOCK_POINTS = 64 };
 typedef struct {
     double wrap;           ///< s after which device time starts again at 0; 0: never
     bool is_started;
-    bool is_settled;       ///< stamps kept the device's pace, or the line has stood still: what is mapped can be used
+    bool is_settled;       ///< stamps kept the device's pace, or the line has stood still: mapped times can be used
     int64_t settled_ns;    ///< host time from which on that is so
     double min_rate_span;  ///< s of device time from which on the rate is measured; below it is taken as 1
     double last_raw;       ///< s, device time as last given

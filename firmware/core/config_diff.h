@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What differs between two configurations, and whether what was learnt with one holds with the other.
+/// Compare two configurations: which keys differ, and whether the state learnt with one holds with the other.
 ///
 /// Both must be of the same robot's world: geometry, sensors, calibration and priors. What may differ is how long rows
 /// wait, how long data count, how long the windows are and how often the estimate goes out. Fields are compared as bytes,

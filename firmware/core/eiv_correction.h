@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What noise in the regressor does to the estimate, taken out again.
+/// Correction of the estimate for noise in the regressor.
 ///
 /// Y is measured, too: white noise of the accelerometer and, through the kernel's slope, of the gyro stands in the columns of
 /// h and J. Least squares takes it for excitation, draws the parameters towards zero and is sure of it (errors in variables:

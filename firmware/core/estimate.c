@@ -17,7 +17,7 @@ static void add_geometry(const ipe_config_t* config, double std_geometry, double
     for (int i = 1; i < 4; ++i) { P[i][i] += std * std / config->n_cables; }
 }
 
-/// What all force sensors read too much, the whole wrench and with it theta is too much.
+/// A gain that all force sensors have in common scales the whole wrench, and theta with it.
 static void add_common_gain(double std, const double theta[IPE_NP], double P[IPE_NP][IPE_NP])
 {
     for (int i = 0; i < IPE_NP; ++i) {

@@ -17,6 +17,9 @@
 #define LEAST_WEIGHT 0.1   // so that a misfit that lasts is not thrown away
 #define LONGEST_STEP 0.5   // s between windows over which a force changes linearly
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
+#define DELAY_LINEAR 4e-3  // s, error (w tau)^2/2 of a linear delay: 0.2 % of a motion of 2.5 Hz
+#define DELAY_SURE 4.0     // sigma: chosen so that healthy forces never move
+#define DELAYS_MAX 4       // chosen so that it always ends: each is what the last one left
 #define PRIOR_INTERVAL \
     50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
 
@@ -192,6 +195,25 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     return IPE_OK;
 }
 
+bool ipe_estimator_move_force_delay(ipe_estimator_t* e, const ipe_config_t* config)
+{
+    const int i = e->filter_states.layout.first[IPE_BLOCK_FORCE_DELAY];
+    const bool is_state = e->filter_states.layout.count[IPE_BLOCK_FORCE_DELAY] > 0;
+    if (!is_state || e->n_delays == DELAYS_MAX || e->rls.n_updates % WIDEN_INTERVAL != 0) { return false; }
+    const double rest = e->rls.x[i];
+    if (!(fabs(rest) > fmax(DELAY_LINEAR, DELAY_SURE * ipe_rls_std(&e->rls, i)))) { return false; }
+    const double delay = e->force_delay + rest;
+    const int n_delays = e->n_delays + 1;
+    const uint64_t n_changes = e->change_detector.n_changes;
+    const ipe_estimate_t estimate = e->estimate;
+    ipe_estimator_reset(e, config);
+    e->estimate = estimate;
+    e->force_delay = delay;
+    e->n_delays = n_delays;
+    e->change_detector.n_changes = n_changes;
+    return true;
+}
+
 void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution)
 {
     memset(solution, 0, sizeof *solution);
@@ -207,6 +229,7 @@ static void read_systematic(const ipe_estimator_t* e, const ipe_config_t* config
 {
     estimate->n_systematic = ipe_systematic_count(config->n_cables);
     ipe_filter_states_systematic(&e->filter_states, config, &e->rls, estimate->systematic, estimate->systematic_std);
+    estimate->systematic[IPE_XI_FORCE_DELAY] += e->force_delay;
 }
 
 ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)

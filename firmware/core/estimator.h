@@ -31,8 +31,10 @@ typedef struct {
     ipe_eiv_correction_t eiv_correction;
     ipe_change_detector_t change_detector;
     ipe_pose_dwell_t pose_dwell;
-    double nis;                           ///< normalised innovation squared of the last window
-    uint64_t n_excited;                   ///< windows not at rest
+    double force_delay;  ///< s, estimated; the caller takes it out of the forces before they come here; 0: none
+    int n_delays;        ///< times it was
+    double nis;          ///< normalised innovation squared of the last window
+    uint64_t n_excited;  ///< windows not at rest
     double restored[IPE_CABLES_MAX];      ///< last most probable reading of each failed sensor, N
     int64_t restored_ns[IPE_CABLES_MAX];  ///< middle of its window
     uint64_t n_weighted;                  ///< windows that counted for less because they stood out
@@ -76,6 +78,11 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
 
 /// Theta and P about the IMU with all that ipe_estimate_publish() needs.
 void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution);
+
+/// Is the forces' delay sure, and too large to be a linear state? Then it is added to e->force_delay, and everything else
+/// that was learnt is forgotten, since it rests on wrong instants; e->estimate stays until the next. The caller takes e->force_delay out of the forces.
+/// At most 4 times; looks once in 50 windows.
+bool ipe_estimator_move_force_delay(ipe_estimator_t* e, const ipe_config_t* config);
 
 /// A gap: the next window does not follow the last.
 void ipe_estimator_restart_windows(ipe_estimator_t* e);

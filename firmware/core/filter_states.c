@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "filter_states.h"
 
+#include "motion.h"
 #include "smallmat.h"
 
 #include <stddef.h>
@@ -62,7 +63,8 @@ static double prior_std(const ipe_config_t* config, int block)
         return of_xi[first_xi(block, config->n_cables)];
     }
     memcpy(&std, (const char*)config + BLOCK[block].std, sizeof std);
-    return std;
+    // An attitude that is estimated has an error whatever the AHRS's is; its sigma comes with every window.
+    return block == IPE_BLOCK_WANDER && ipe_motion_is_fused(config) ? fmax(std, SMALLEST_STD) : std;
 }
 
 static void lay_out(ipe_filter_layout_t* layout, const ipe_config_t* config)

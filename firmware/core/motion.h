@@ -12,7 +12,7 @@
 /// The mean advances with every row. The covariance advances once per epoch of 40 ms, with the mean of the positions since
 /// then as its measurement, and the yaw of the AHRS as a weak one: its error is a bias and a slow wander. The tilt of the
 /// AHRS serves as the start only. beta takes the accelerometer bias along the vertical with it.
-/// What the parameters of ipe_attitude_error_t do to the state is carried exactly, by the filter's own F, K and H
+/// The effect of the parameters of ipe_attitude_error_t on the state is carried exactly, by the filter's own F, K and H
 /// (Schmidt 1966, consider parameters): S <- F S + G, S <- (I - K H) S - K H_c. So an estimator that has them as states
 /// takes no information twice.
 /// With [attitude] estimate "ahrs", or without a tracker, R, s and w are the calibrated sensors' own; p and v still come

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// White noise of the IMU's signals, told from the signals themselves.
+/// White noise of the IMU's signals, estimated from the signals.
 ///
-/// Means of short blocks, an eighth of a quarter window, are differenced four times: what moves slower than a window is
+/// Means of short blocks, an eighth of a quarter window, are differenced four times: motion slower than a window is
 /// gone from them by the fourth power of its frequency, white noise comes through with 70 times its variance. A mean of
 /// T s of white noise with density q has variance q/T, so q = T mean(d^2) / 70; the mean reaches back over 250 blocks.
 /// Noise that the sensor itself has filtered is seen by its density around an eighth of a window's bandwidth.

@@ -120,6 +120,19 @@ static ipe_status_t next_motion(ipe_pipeline_t* p, ipe_row_t* row, ipe_motion_t*
     return status == IPE_NOT_READY ? IPE_IGNORED : status;
 }
 
+static void restart_windows(ipe_pipeline_t* p)
+{
+    ipe_window_restart(&p->window);
+    ipe_estimator_restart_windows(&p->estimator);
+}
+
+/// Take the forces' estimated delay out of the rows to come.
+static void undelay_forces(ipe_pipeline_t* p)
+{
+    ipe_align_set_force_delay(&p->align, p->estimator.force_delay);
+    restart_windows(p);
+}
+
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
 {
     ipe_motion_t motion;
@@ -127,9 +140,11 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     ipe_average_t average;
     const uint64_t restarts = p->window.n_restarts;
 
-    ipe_status_t status = next_motion(p, row, &motion);                           // samples -> row, motion
+    ipe_status_t status = next_motion(p, row, &motion);  // samples -> row, motion
     if (status != IPE_OK) { return status; }
-    status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);              // tensions -> cable wrench
+    ipe_row_t undelayed = *row;
+    ipe_align_undelay_forces(&p->align, undelayed.f);
+    status = ipe_wrench_from_row(&p->wrench, &undelayed, &motion, &wrench);       // tensions -> cable wrench
     if (status != IPE_OK) { return status; }
     status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
     p->estimator.n_rows += status >= IPE_OK;
@@ -141,13 +156,14 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
         ++p->n_frozen;
         return IPE_IGNORED;
     }
-    ipe_estimator_predict(&p->estimator, &p->config, &average);                  // states -> now
-    status = ipe_estimator_restore_forces(&p->estimator, &p->config, &average);  // of failed sensors
+    ipe_estimator_predict(&p->estimator, &p->config, &average);                            // states -> now
+    status = ipe_estimator_restore_forces(&p->estimator, &p->config, &average);            // of failed sensors
     if (status != IPE_OK) { return status; }
-    status = ipe_estimator_update(&p->estimator, &p->config, &average);          // window -> theta, xi, P
+    status = ipe_estimator_update(&p->estimator, &p->config, &average);                    // window -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);     // theta, P -> body
+    status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);               // theta, P -> body
     if (status == IPE_OK && estimate != NULL) { *estimate = p->estimator.estimate; }
+    if (ipe_estimator_move_force_delay(&p->estimator, &p->config)) { undelay_forces(p); }  // states -> rows
     return status;
 }
 
@@ -168,20 +184,22 @@ void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen)
 
 void ipe_pipeline_reset(ipe_pipeline_t* p)
 {
+    const bool had_delay = p->estimator.force_delay != 0.0;
     ipe_estimator_reset(&p->estimator, &p->config);
+    if (had_delay) { undelay_forces(p); }
 }
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 {
     memcpy(p->config.gyro_bias, bias, sizeof p->config.gyro_bias);
     ipe_motion_set_gyro_bias(&p->motion, bias);
-    ipe_window_restart(&p->window);
-    ipe_estimator_restart_windows(&p->estimator);
+    restart_windows(p);
 }
 
 void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_estimator_t* estimator, const double gyro_bias[3])
 {
     ipe_estimator_continue(&p->estimator, estimator);
+    undelay_forces(p);
     ipe_pipeline_set_gyro_bias(p, gyro_bias);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// For how long has the platform been at rest in one pose? What a pose tells it tells once.
+/// Time that the platform has been at rest in one pose: a static pose carries information once.
 ///
 /// A window is of the same pose as those before if position and attitude are within 10 mm and 0.02 rad, and what the
 /// attitude wanders, of where the pose was first seen. It is at rest if it is not the first few of its pose and turns by

@@ -35,7 +35,7 @@ void ipe_rest_detector_init(ipe_rest_detector_t* r);
 /// Take one aligned row. A gap of over 0.5 s, or time that goes back, starts again.
 void ipe_rest_detector_push(ipe_rest_detector_t* r, const ipe_row_t* row);
 
-/// What has been seen by host time now_ns.
+/// The bias found by host time now_ns.
 ///
 ///   rate  out  mean rate of the two blocks, I axes, rad/s, as measured; written on NULL only
 ///

@@ -4,7 +4,7 @@
 /// A sample of an IMU or of eight force sensors comes in several CAN frames. They belong together when they carry the
 /// same sample counter; a frame that has no room for it belongs to the counter it follows, within a period. Without any
 /// counter, they belong together when no value is repeated and they lie within 0.8 of the measured period, from the frame on
-/// that comes after the longest silence: what is left of a sample that lost its first frame does not join the next one.
+/// that comes after the longest silence: the rest of a sample that lost its first frame does not join the next one.
 /// A sample that stays incomplete is dropped whole and counted: values of two instants never meet in one sample.
 /// Every frame is counted as used, dropped or duplicate. 0.4 KB of state per sensor, one thread.
 #ifndef IPE_SAMPLE_ASSEMBLER_H

@@ -9,7 +9,7 @@
 #define PERIOD_ERROR 0.01   // of the period, what a measured one may be off by
 #define ON_LINE 0.5         // of the period: a stamp that near is its sample's
 #define WHOLE 0.25          // of the period: a lateness that near to whole periods may be lost samples,
-#define COUNTABLE 32        // more than that cannot be told to one sample: the line starts anew
+#define COUNTABLE 32        // a longer gap cannot be counted to one sample: the line starts again
 #define AGREE 4             // if so many samples in a row say the same, and
 #define BY_CHANCE 1e-4      // that all of them are late for another reason is less likely
 #define PROMPT_0 0.75F      // share of prompt samples until it is known
@@ -88,15 +88,15 @@ static int measure_again(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t hos
     return measure(p, clock, host_ns);
 }
 
-/// So many late samples in a row are no chance: of a host that stamps this share of them in time.
+/// Number of late samples in a row that is not chance, on a host that stamps this share in time.
 static int enough(const ipe_sample_timing_t* p)
 {
     const double late = fmax(1.0 - (double)p->prompt, 1e-9);
     return (int)fmax(AGREE, fmin(ceil(log(BY_CHANCE) / log(late)), IPE_SAMPLE_TIMING_HOLD));
 }
 
-/// Nothing is stamped before its time. So samples that are all late by the same number of periods, or by that and sometimes
-/// more, tell that so many were lost. How many samples say so; 0: not enough yet.
+/// No sample is stamped before its time. Samples that are all late by the same number of periods, or sometimes by more, show
+/// that so many were lost. Number of samples that agree; 0: not enough yet.
 static int agreeing(ipe_sample_timing_t* p, double late)
 {
     const double n = fmin(round(late / p->period), INT_MAX);

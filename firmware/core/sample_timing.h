@@ -3,12 +3,12 @@
 ///
 /// A sensor paces itself: sample number times period is its device time, and a clock (clock.h) maps that to host time.
 /// Numbers come from the sensor's counter, or samples are counted; a gap without counter may be lost samples or late
-/// ones, which only what follows can tell. Until then the samples are held:
+/// ones; only the samples that follow decide it. Until then the samples are held:
 ///   stamps come back to the line                          they were late, none is missing
 ///   four or more are late by the same number of periods   so many samples were lost: more, where stamps are seldom prompt
 ///   a stamp is before its line                            fewer were lost than that
 ///   neither within 1 s and 64 samples                     the sensor changed its period or phase: measured again
-/// What cannot be told is dropped and counted, never believed. 120 B of state beside the clock, one thread.
+/// A sample whose instant cannot be determined is dropped and counted. 120 B of state beside the clock, one thread.
 #ifndef IPE_SAMPLE_TIMING_H
 #define IPE_SAMPLE_TIMING_H
 
@@ -30,8 +30,8 @@ typedef struct {
     int n_irregular;      ///< intervals that did not fit,
     float irregularity;   ///< and of the mean, how far off is the one of the others that is furthest off
 
-    uint64_t n_lost;      ///< samples that gaps say were lost, where no counter tells; after long ones about
-    uint64_t n_dropped;   ///< samples whose instant could not be told
+    uint64_t n_lost;      ///< samples lost by the gaps, where there is no counter; after long gaps about
+    uint64_t n_dropped;   ///< samples whose instant could not be determined
     uint64_t n_restarts;  ///< the pace changed: period or phase learnt again
 } ipe_sample_timing_t;
 
@@ -42,7 +42,7 @@ void ipe_sample_timing_init(ipe_sample_timing_t* p);
 ///   clock  of this sensor, written by nobody else
 ///   step   samples since the one before by the sensor's counter, 1: the next; 0: it has no counter, or that jumped
 ///
-/// So many of the newest samples, this one included, have their instants now; 0: hold it. Samples older than these that
+/// Number of the newest samples, this one included, whose instants are known now; 0: hold it. Samples older than these that
 /// were held are to be dropped. Cost: as ipe_clock_map().
 int ipe_sample_timing_push(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_ns, uint64_t step);
 

@@ -82,7 +82,7 @@ static bool watch(ipe_stuck_sensor_t* k, int channel, int64_t t_ns, const double
     return c->has_moved && c->n_same >= STUCK_SAMPLES && t_ns - c->since_ns > STUCK_NS;
 }
 
-/// What does the specific force say of the others? A reference is taken when there is something to compare.
+/// Judge the other channels by the specific force. A reference is taken when there is something to compare.
 static void note_motion(ipe_stuck_sensor_t* k, int64_t t_ns)
 {
     if (k->acc_ns == 0) { k->acc_since_ns = t_ns; }

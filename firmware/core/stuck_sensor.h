@@ -21,13 +21,13 @@
 
 enum { IPE_STUCK_SENSOR_IMU = IPE_CABLES_MAX, IPE_STUCK_SENSOR_POSITION, IPE_STUCK_SENSOR_CHANNELS };
 
-/// What one channel did since it last changed.
+/// History of one channel since it last changed.
 typedef struct {
     int64_t since_ns;
     int32_t n_same;
     bool has_moved;      ///< the platform, meanwhile
     float reference[3];  ///< smoothed specific force at the time, m/s2; 0: not seen yet
-    float lag;           ///< how far smoothing was behind then, m/s2: what it catches up is no motion
+    float lag;           ///< lag of the smoothing then, m/s2: catching it up is no motion
 } ipe_stuck_sensor_channel_t;
 
 /// What is known of a force signal.

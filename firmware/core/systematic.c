@@ -184,7 +184,7 @@ static void force_columns(const ipe_config_t* config, const ipe_average_t* a, co
     }
 }
 
-/// -Y(ds, dww, dalpha) theta as a column: what a change of the averaged motion does to the residual.
+/// -Y(ds, dww, dalpha) theta as a column: effect of a change of the averaged motion on the residual.
 static void motion_column(const double ds[3], const double dww[6], const double dalpha[3], const double theta[IPE_NP],
                           int at, double X[IPE_NY][IPE_XI_MAX])
 {

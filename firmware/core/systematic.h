@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What small systematic errors of the sensors do to the weak equations: columns d(y - Y theta)/d xi.
+/// Effect of small systematic errors of the sensors on the weak equations: columns d(y - Y theta)/d xi.
 ///
 /// xi holds corrections to add to the configuration (same signs, units and axes as there); the table in systematic.c
 /// has their order, names and prior sigmas. With xi true, y + X xi - Y theta is noise.

@@ -24,7 +24,7 @@ typedef enum {
     IPE_ERR_GEOMETRY = -6,   ///< a cable with no direction: platform point inside the pulley
 } ipe_status_t;
 
-/// What a CAN signal measures. Vectors are consecutive. The numbers are part of the compiled configuration.
+/// Quantity that a CAN signal measures. Vectors are consecutive. The numbers are part of the compiled configuration.
 typedef enum {
     IPE_Q_ACC_X = 0,           ///< specific force, I axes, m/s2 (3)
     IPE_Q_GYRO_X = 3,          ///< angular rate, I axes, rad/s (3)
@@ -100,7 +100,7 @@ typedef struct {
 typedef struct {
     double y[IPE_NY];
     double f[IPE_CABLES_MAX];         ///< the tensions at the platform it was made from, calibrated, N
-    double friction[IPE_CABLES_MAX];  ///< f sgn(cable travel), N: what a friction of 1 adds to f
+    double friction[IPE_CABLES_MAX];  ///< f sgn(cable travel), N: added to f by a friction of 1
     uint32_t unknown_force;           ///< as in the row
 } ipe_wrench_t;
 

@@ -130,7 +130,7 @@ static int block_length(const ipe_window_t* x)
     return (int)fmax(1.0, round(0.25 * x->length / (BLOCKS_PER_QUARTER * x->period)));
 }
 
-/// What white noise of s and w makes of their averages under the kernel.
+/// Variance of the averages of s and w under the kernel, from their white noise.
 static void noise_of_averages(const ipe_window_t* x, ipe_average_t* average)
 {
     const double quarter = 0.25 * x->length;

@@ -40,7 +40,7 @@ typedef struct {
     int n_rows;
 } ipe_average_t;
 
-/// What is averaged, and from IPE_CHANNEL_W to the tensions also differentiated under the kernel.
+/// Averaged channels; those from IPE_CHANNEL_W to the tensions are also differentiated under the kernel.
 enum {
     IPE_CHANNEL_S = 0,
     IPE_CHANNEL_WW = 3,

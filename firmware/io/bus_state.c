@@ -4,7 +4,7 @@
 #include <linux/can/error.h>
 #include <stddef.h>
 
-/// What an error frame says of the controller; -1: nothing of its state.
+/// State of the controller by an error frame; -1: the frame has none.
 static int condition_of(const ipe_frame_t* frame)
 {
     const uint8_t status = frame->length > 1 ? frame->data[1] : 0;

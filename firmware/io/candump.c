@@ -8,7 +8,7 @@
 enum { INTERFACE_NAME_MAX = 15, CLASSICAL_MAX = 8 };
 static const int64_t NS_PER_S = 1000000000;
 
-/// What is left of the line.
+/// Rest of the line.
 typedef struct {
     const char* at;
     const char* end;

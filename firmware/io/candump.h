@@ -44,7 +44,7 @@ typedef struct {
 ipe_candump_t ipe_candump_parse(const char* line, size_t length, ipe_frame_t* frame, ipe_candump_name_t* name,
                                 uint64_t* n_dropped);
 
-/// What is wrong with the line, in a few words, for the IPE_CANDUMP_BAD_* results.
+/// The fault of the line in a few words, for the IPE_CANDUMP_BAD_* results.
 const char* ipe_candump_reason(ipe_candump_t result);
 
 #endif

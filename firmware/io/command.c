@@ -13,7 +13,7 @@ static_assert(IPE_COMMAND_TEXT_MAX == INERTIAD_LCM_COMMAND_T_TEXT_MAX &&
                   IPE_CONFIG_FILE_MAX == INERTIAD_LCM_COMMAND_T_CONFIG_MAX,
               "the limits of the message");
 
-/// What is left of the message. Reading past its end gives zeros and is remembered.
+/// Rest of the message. Reading past its end gives zeros and is remembered.
 typedef struct {
     const uint8_t* at;
     size_t n;

@@ -55,7 +55,7 @@ static void add_file(ipe_host_facts_t* f, const char* name, const char* path)
     if (read_line(path, line, sizeof line)) { ipe_host_facts_add(f, name, "%s", line); }
 }
 
-/// What the kernel knows of the clock's synchronisation, whoever does it: chrony, ntpd, ptp4l with phc2sys.
+/// State of the clock's synchronisation as the kernel has it, whoever synchronises: chrony, ntpd, ptp4l with phc2sys.
 static void add_synchronisation(ipe_host_facts_t* f)
 {
     struct timex t = {0};
@@ -199,7 +199,7 @@ static void add_timing(ipe_host_facts_t* f, const char* interface, const char* n
     add_of(f, interface, name, text);
 }
 
-/// What the kernel's link message of n bytes tells of a CAN interface.
+/// Read the facts about a CAN interface from the kernel's link message of n bytes.
 static void add_link(ipe_host_facts_t* f, const char* interface, const void* attributes, size_t n)
 {
     static const char* const STATE[] = {"error-active", "error-warning", "error-passive",

@@ -2,8 +2,8 @@
 /// Properties of the machine and its CAN interfaces, as `uname -a`, `ethtool -i -T -c`, `ip -details link` and `adjtimex`
 /// report them.
 ///
-/// Read once before the start, as text, for the record. What cannot be read is left out; a fact that matters and is missing
-/// is told so. 14 KB, caller-allocated, no heap, one thread.
+/// Read once before the start, as text, for the record. What cannot be read is left out; a missing fact that
+/// matters is reported. 14 KB, caller-allocated, no heap, one thread.
 /// Source: linux/ethtool.h, linux/can/netlink.h, adjtimex(2).
 #ifndef IPE_HOST_FACTS_H
 #define IPE_HOST_FACTS_H

@@ -145,7 +145,7 @@ static ipe_inbox_kind_t take_command(ipe_inbox_t* b, ipe_inbox_item_t* item)
     return IPE_INBOX_COMMAND;
 }
 
-/// What a datagram of n bytes holds for us.
+/// Content of a datagram of n bytes.
 static ipe_inbox_kind_t take_datagram(ipe_inbox_t* b, size_t n, ipe_inbox_item_t* item)
 {
     const char* channel = (const char*)b->datagram + HEADER;

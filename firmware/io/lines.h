@@ -12,7 +12,7 @@
 
 enum { IPE_LINES_BYTES = 65536, IPE_LINE_MAX = 4096 };
 
-/// What a call found: a line, nothing yet, or the end.
+/// Result of a call: a line, nothing yet, or the end.
 typedef enum {
     IPE_LINES_OK = 0,
     IPE_LINES_WAIT = 1,     ///< no whole line in the buffer: ipe_lines_fill() when the descriptor is readable

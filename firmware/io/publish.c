@@ -372,8 +372,9 @@ void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config)
         ipe_systematic_name(config->n_cables, i, p->systematic_name[i]);
         p->systematic_names[i] = p->systematic_name[i];
     }
-    p->estimate_period_ns = llround(1e9 / config->estimate_rate);
-    p->has_estimate_due = false;
+    const int64_t period_ns = llround(1e9 / config->estimate_rate);
+    p->has_estimate_due = p->has_estimate_due && period_ns == p->estimate_period_ns;  // the same rate keeps its phase
+    p->estimate_period_ns = period_ns;
 }
 
 void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate, uint64_t n_dropped)

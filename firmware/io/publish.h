@@ -83,7 +83,7 @@ typedef struct {
     char systematic_name[IPE_XI_MAX][IPE_SYSTEMATIC_NAME_MAX];
     char* systematic_names[IPE_XI_MAX];  ///< pointers to them, as the generated encoder takes them
 
-    int n_frames, n_rows, n_items;              ///< in the open blocks
+    int n_frames, n_rows, n_items;       ///< in the open blocks
     inertiad_lcm_can_frame_t frame[IPE_PUBLISH_FRAMES];
     uint8_t frame_data[IPE_PUBLISH_FRAMES][IPE_DATA_MAX];
     inertiad_lcm_signals_row_t row[IPE_PUBLISH_ROWS];
@@ -135,7 +135,8 @@ bool ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row, const ipe_estimate_
 /// Record a position that did not come over LCM, as TRACKER; it is not sent.
 void ipe_publish_position(ipe_publish_t* p, int64_t t_ns, const double position[3]);
 
-/// From now on rows have this configuration's cables and estimates its names and rate. Sends the open blocks.
+/// From now on rows have this configuration's cables and estimates its names and rate; the same rate keeps
+/// its phase, as after a tare. Sends the open blocks.
 void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config);
 
 /// Send HEALTH.

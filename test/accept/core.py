@@ -117,10 +117,10 @@ def t14(n: int = 1_000_000) -> list[Verdict]:
     ]
 
 
-def state_bytes() -> tuple[int, int]:
-    """Bytes of the filter's state that ever held a number for eight cables, and of the whole pipeline's."""
+def state_bytes() -> tuple[int, int, int]:
+    """Bytes of the filter's state that ever held a number for eight cables, of the whole pipeline's, and its limit."""
     found = _endure("noise", 600, DAY_RATE)
-    return int(found["filter_bytes"]), int(found["pipeline_bytes"])
+    return int(found["filter_bytes"]), int(found["pipeline_bytes"]), int(found["pipeline_limit"])
 
 
 def t15() -> list[Verdict]:
@@ -129,13 +129,13 @@ def t15() -> list[Verdict]:
     symbols = subprocess.run(library, capture_output=True, text=True, check=True).stdout
     update = next(part for part in symbols.split("\n\n") if part.lstrip().startswith("rls.o:"))
     roots = re.findall(r" U (sqrt\w*|pow\w*)$", update, re.M)
-    in_use, whole = state_bytes()
+    in_use, whole, limit = state_bytes()
     heap = re.findall(r" U (malloc|calloc|realloc|free|aligned_alloc|posix_memalign)$", symbols, re.M)
     return [
         Verdict("T15", "no heap in the core", 1, "library", "none", ", ".join(heap) or "none called", not heap),
         Verdict("T15", "no root in the update", 1, "library", "none", ", ".join(roots) or "none called", not roots),
         Verdict("T15", "filter's state in use, 8 cables", 1, "robot", "< 6144 B", f"{in_use} B", in_use < 6144),
-        Verdict("T15", "state of the whole pipeline", 1, "robot", "<= 65536 B", f"{whole} B", whole <= 65536),
+        Verdict("T15", "state of the whole pipeline", 1, "robot", f"<= {limit} B", f"{whole} B", whole <= limit),
     ]
 
 

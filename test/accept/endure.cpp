@@ -35,10 +35,10 @@ using inertiad::Config;
 constexpr int64_t SECOND = 1000000000;
 constexpr double DAY = 86400.0;
 constexpr uint64_t CHECK_INTERVAL = 100000;  // windows between two looks at the whole covariance
-constexpr uint64_t RUN_WINDOWS = 100;  // of one bad run: most estimates are young ones, where bodies are impossible
+constexpr uint64_t RUN_WINDOWS = 100;   // of one bad run: most estimates are young ones, where bodies are impossible
 constexpr std::size_t RUN_ROWS = 3000;  // at most: under the loudest noise the attitude never settles
 constexpr double WORST_NOISE = 300.0;
-constexpr unsigned BAD_INTERVAL = 8;   // rows from one bad input to the next
+constexpr unsigned BAD_INTERVAL = 8;    // rows from one bad input to the next
 
 struct Noise {
     double acc, gyro, force, position, wander, wander_time;
@@ -201,6 +201,7 @@ void noise(Feed& feed, uint64_t n_windows)
     std::printf("n_changes %llu\n", static_cast<unsigned long long>(d.n_changes));
     std::printf("n_held %llu\n", static_cast<unsigned long long>(d.n_held));
     std::printf("filter_bytes %zu\npipeline_bytes %zu\n", bytes_in_use(feed.state.estimator.rls), sizeof feed.state);
+    std::printf("pipeline_limit %d\n", IPE_STATE_MAX);
 }
 
 /// What must not change when an input is refused: the filter but for its counters, and the estimate.

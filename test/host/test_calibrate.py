@@ -37,7 +37,6 @@ def _calibrated(recordings: list[Recording], payloads: dict[Path, float]) -> cal
 def _truth(recording: Recording) -> np.ndarray:
     t = read_json(recording.path / "truth.json")
     t["force_delay"] += AFTER_IMU
-    t["cable_inertia"] = -1.0  # the simulated cables have none
     return np.concatenate([np.atleast_1d(t.get(g.name, np.zeros(g.n))) for g in systematic.groups(8)])
 
 

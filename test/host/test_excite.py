@@ -151,8 +151,7 @@ def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_p
         assert inertiactl("simulate", ROBOT, *options).returncode == 0
         reported.append(daemon_sigma(run))
     ratio = np.median(reported, axis=0) / best.sigma
-    # The plan knows neither the 1 to 3 s that the attitude takes to settle nor friction.
-    assert np.all((ratio > 1 / 1.3) & (ratio < 1.7)), ratio
+    assert np.all((ratio > 1 / 1.3) & (ratio < 1.3)), ratio
 
 
 @pytest.mark.slow

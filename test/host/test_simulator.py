@@ -93,7 +93,7 @@ def test_wrench_of_the_tensions_is_regressor_times_parameters(cogiro):
     W, sag = inverse_dynamics.wrench_matrix(m, t, motion)
     s = simulator.specific_force(motion, cogiro.gravity, np.zeros(3))
     Y = inertiad_core.regressor(s, motion.omega, motion.alpha)
-    left = np.einsum("nij,nj->ni", W, f) + sag
+    left = np.einsum("nij,nj->ni", W, f) + sag + inverse_dynamics.cable_mass_wrench(m, motion)
     assert np.allclose(left, Y @ configuration.theta_of(BODY), atol=1e-8)
 
 
@@ -103,7 +103,8 @@ def test_tensions_keep_their_limits_where_the_even_pull_does_not(cogiro):
     paper = trajectory.paper()
     t = np.linspace(0.0, paper.duration, 300)
     W, sag = inverse_dynamics.wrench_matrix(m, t, paper.at(t))
-    wrench = inverse_dynamics.required_wrench(paper.at(t), BODY, 9.81) - sag
+    moved = inverse_dynamics.cable_mass_wrench(m, paper.at(t))
+    wrench = inverse_dynamics.required_wrench(paper.at(t), BODY, 9.81) - sag - moved
     free = inverse_dynamics.even_pull(W, wrench, np.full(8, 294.3))
     f = simulator.tensions(m, t, paper.at(t))
     broken = (free < 150.0).any(axis=1)

@@ -560,6 +560,31 @@ static void test_pop_row_near_an_unknown_force_names_it(void)
     }
 }
 
+static void test_a_delay_found_moves_the_forces_and_nothing_else(void)
+{
+    double f[IPE_CABLES_MAX];
+    int n_rows = 0;
+    ipe_align_set_force_delay(&align, 0.0035);
+    for (int64_t t_ns = 0; t_ns < 60 * MS; t_ns += MS) {
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_imu(t_ns));
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_force(t_ns));
+        TEST_ASSERT_EQUAL_INT(IPE_OK, push_position(t_ns));
+        while (ipe_align_pop(&align, &row) == IPE_OK) {
+            const double t = 1e-9 * (double)row.t_ns;
+            assert_row_is_of(t);
+            memcpy(f, row.f, sizeof f);
+            ipe_align_undelay_forces(&align, f);
+            for (int i = 0; i < 8; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, i * quadratic(t + 0.0035), f[i]); }
+            ++n_rows;
+        }
+    }
+    TEST_ASSERT_INT_WITHIN(6, 55, n_rows);
+    ipe_align_set_force_delay(&align, 0.0);
+    memcpy(f, row.f, sizeof f);
+    ipe_align_undelay_forces(&align, f);
+    TEST_ASSERT_EQUAL_DOUBLE(row.f[7], f[7]);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -596,5 +621,6 @@ int main(void)
     RUN_TEST(test_pop_force_step_is_passed_on_and_doubted);
     RUN_TEST(test_push_position_out_of_reach_is_refused);
     RUN_TEST(test_pop_row_near_an_unknown_force_names_it);
+    RUN_TEST(test_a_delay_found_moves_the_forces_and_nothing_else);
     return UNITY_END();
 }

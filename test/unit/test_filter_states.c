@@ -81,8 +81,8 @@ static void test_rows_of_absent_blocks_are_not_there(void)
     const ipe_filter_layout_t full = states.layout;
     config.std_force_gain = config.std_attitude_wander = config.std_imu_position = 0.0;  // given
     ipe_filter_states_init(&states, &config);
-    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
-    TEST_ASSERT_EQUAL_INT(full.n - 7 - 3 - 3, N);       // then
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);           // when
+    TEST_ASSERT_EQUAL_INT(full.n - 7 - 3 - 3, N);                                        // then
     for (int b = 0; b < IPE_BLOCKS; ++b) {
         for (int j = 0; j < IPE_NY; ++j) {
             for (int i = 0; i < states.layout.count[b]; ++i) {
@@ -92,10 +92,23 @@ static void test_rows_of_absent_blocks_are_not_there(void)
     }
 }
 
+/// An attitude that is estimated here has an error of its own, however perfect the AHRS is declared.
+static void test_an_estimated_attitude_wanders_whatever_is_declared(void)
+{
+    config.attitude_estimate = IPE_ATTITUDE_FUSED, config.position_source = IPE_POSITION_TRACKER;  // given
+    config.std_attitude_wander = 0.0;
+    ipe_filter_states_init(&states, &config);                                                      // when
+    TEST_ASSERT_EQUAL_INT(3, states.layout.count[IPE_BLOCK_WANDER]);                               // then
+    TEST_ASSERT_TRUE(states.std[IPE_BLOCK_WANDER] > 0.0);
+    config.position_source = IPE_POSITION_FIXED;
+    ipe_filter_states_init(&states, &config);
+    TEST_ASSERT_EQUAL_INT(0, states.layout.count[IPE_BLOCK_WANDER]);
+}
+
 static void test_rows_hold_regressor_systematic_columns_and_wander(void)
 {
     ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
-    for (int j = 0; j < IPE_NY; ++j) {                  // then
+    for (int j = 0; j < IPE_NY; ++j) {                                          // then
         double rub = 0.0;
         TEST_ASSERT_EQUAL_MEMORY(Y[j], H + j * N, sizeof Y[j]);
         for (int i = 0; i < 19; ++i) { TEST_ASSERT_EQUAL_DOUBLE(-X[j][i], H[j * N + IPE_NP + i]); }
@@ -351,6 +364,7 @@ int main(void)
     RUN_TEST(test_plausible_priors_stay);
     RUN_TEST(test_layout_has_every_block_once_and_in_order);
     RUN_TEST(test_rows_of_absent_blocks_are_not_there);
+    RUN_TEST(test_an_estimated_attitude_wanders_whatever_is_declared);
     RUN_TEST(test_rows_hold_regressor_systematic_columns_and_wander);
     RUN_TEST(test_rows_of_patterns_are_moments_of_misplaced_forces);
     RUN_TEST(test_patterns_are_orthonormal_and_leave_out_the_pull_along_the_resultant);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What the parts of the Python module share: numpy arrays in and out, rows, a pipeline that keeps its rows.
+/// Shared by the parts of the Python module: numpy arrays in and out, rows, a pipeline that keeps its rows.
 #pragma once
 
 #include <inertiad/body.hpp>

@@ -283,6 +283,11 @@ def forward(truth: Config, believed: Config, theta: Annotated[NDArray[numpy.floa
     dict of p, v, a, R, omega, alpha, f [N,..] at every step, n_infeasible, first_infeasible (control instant) and stopped (why it ended early, ""), of the robot `truth` with theta [10] about P, whose controller believes other things, along references [K,..] at the instants of control; payload [J,12]: t, ramp, change of theta; lengths [K,m] unstrained, where held; tilt [2,m] rad, swing at the start. plant.hpp
     """
 
+def cable_mass_wrench(config: Config, p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], v: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], a: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], omega: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alpha: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)]) -> NDArray[numpy.float64]:
+    """
+    Wrench [N,6] about P, P axes, of the mass of straight cables on a platform in motion: p, v, a [N,3] in W, R [N,3,3] P to W, omega, alpha [N,3] in P. ValueError where a cable has no direction. cable_mass.hpp
+    """
+
 def distribute(W: Annotated[NDArray[numpy.float64], dict(shape=(None, 6, None), order='C', device='cpu', writable=False)], wrench: Annotated[NDArray[numpy.float64], dict(shape=(None, 6), order='C', device='cpu', writable=False)], pull: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')], low: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')], high: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')]) -> tuple:
     """
     (f [N,m] closest to pull [m] with W [N,6,m] f = wrench [N,6] and low <= f <= high, list of k where there is none). distribution.hpp

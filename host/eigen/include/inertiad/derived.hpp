@@ -16,7 +16,7 @@
 
 namespace inertiad {
 
-/// What of a run's motion was derived.
+/// Which parts of a run's motion were derived.
 struct Derived {
     bool force = false;
     bool rate = false;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// A platform on its cables, moving by its own dynamics, and the controller that drives the winches.
 ///
-///   M [s; alpha] = W f + sag - [w x (w x h); w x J w]      M = [m E, -[h]x; [h]x, J]     platform axes, about P
+///   M [s; alpha] = W f + sag + C - [w x (w x h); w x J w]  M = [m E, -[h]x; [h]x, J]     platform axes, about P
 ///   a = R s - g z     q' = q (0, w)/2
 /// Cable i, length l (cable.h), true tension f, one of
 ///   rigid     f' = omega_w (f_c - f)                                        the winch makes the tension
@@ -9,16 +9,19 @@
 ///             l_0' = l_d' + (f - f_c) omega_w l_0/EA   the winch reels to make the tension, or l_0' = l_0d'
 /// with w_p the weight per length across the line: the parabola that a taut cable hangs in is longer than its chord.
 /// Swing: the first mode of each cable as a taut string, in two directions e across it, tilts its end by beta:
-///   beta'' + 2 zeta omega beta' + omega^2 beta = -2 (a_B . e)/L        omega = (pi/L) sqrt(f g/w),  u + beta e for u
-/// driven by its end B's acceleration; the cable's mass is not felt otherwise. Runge-Kutta of fourth order.
+///   beta'' + 2 zeta omega beta' + omega^2 beta = -2 (a_B + c).e/L        omega = (pi/L) sqrt(f g/w),  u + beta e for u
+/// driven by its end B, a_B with the Coriolis acceleration c of cable that is paid out. C: the mass of the cables without
+/// that mode, cable_mass.hpp. The drives go from one command to the next in a line over a period of control: a reel that
+/// jumped would jerk the damped cable at the very instants of sampling. Runge-Kutta of fourth order.
 #pragma once
 
 #include "body.hpp"
 #include "cable.hpp"
+#include "cable_mass.hpp"
 #include "distribution.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 
 #include <array>
 #include <cmath>
@@ -52,9 +55,21 @@ struct Reference {
     Vector3 w, alpha;  ///< P axes
 };
 
-/// What the winches are told: tensions [m], and l_d' or l_0d' [m], m/s.
+/// Commands to the winches: tensions [m], and l_d' or l_0d' [m], m/s.
 struct Command {
     Tensions f, reel;
+};
+
+/// The drives' way from one command to the next over a period of control.
+struct Ramp {
+    Command from, to;
+    double begin, period;  ///< s
+
+    Command at(double t) const
+    {
+        const double share = std::clamp((t - begin) / period, 0.0, 1.0);
+        return {from.f + share * (to.f - from.f), from.reel + share * (to.reel - from.reel)};
+    }
 };
 
 using Tilt = Eigen::Matrix<double, 2, Eigen::Dynamic, 0, 2, IPE_CABLES_MAX>;
@@ -169,13 +184,14 @@ public:
     }
 
     /// dx of a state, and the forces behind it. Throws std::domain_error where a cable has no direction.
-    PlantForces derivative(double t, PlantState& x, const Command& command, PlantState& dx)
+    PlantForces derivative(double t, PlantState& x, const Ramp& ramp, PlantState& dx)
     {
+        const Command command = ramp.at(t);
         const Eigen::Index m = x.n_cables;
         const Matrix3 R = x.R();
         PlantForces out;
         out.f.resize(m);
-        std::array<Line, IPE_CABLES_MAX> lines;
+        Lines lines;
         Vector6 wrench = Vector6::Zero();
         for (Eigen::Index i = 0; i < m; ++i) {
             const Line& line = lines[static_cast<std::size_t>(i)] = line_of(i, x, R);
@@ -186,7 +202,7 @@ public:
             wrench.head<3>() += F;
             wrench.tail<3>() += line.arm.cross(F);
         }
-        accelerate(t, R, wrench, x, out);
+        accelerate(t, R, lines, wrench, x, out);
         dx.p() = x.v();
         dx.v() = out.a;
         const Eigen::Quaterniond q(x.x[6], x.x[7], x.x[8], x.x[9]);
@@ -197,17 +213,17 @@ public:
         return out;
     }
 
-    /// One step of Runge-Kutta with the command held; k1 is the derivative at its beginning.
-    void step(double t, const Command& command, const PlantState& k1, PlantState& x)
+    /// One step of Runge-Kutta; k1 is the derivative at its beginning.
+    void step(double t, const Ramp& ramp, const PlantState& k1, PlantState& x)
     {
         const double h = settings_.step;
         PlantState k2(x.n_cables), k3(x.n_cables), k4(x.n_cables), at(x.n_cables);
         at.x = x.x + 0.5 * h * k1.x;
-        derivative(t + 0.5 * h, at, command, k2);
+        derivative(t + 0.5 * h, at, ramp, k2);
         at.x = x.x + 0.5 * h * k2.x;
-        derivative(t + 0.5 * h, at, command, k3);
+        derivative(t + 0.5 * h, at, ramp, k3);
         at.x = x.x + h * k3.x;
-        derivative(t + h, at, command, k4);
+        derivative(t + h, at, ramp, k4);
         x.x += h / 6.0 * (k1.x + 2.0 * k2.x + 2.0 * k3.x + k4.x);
         x.q().normalize();
     }
@@ -226,10 +242,11 @@ public:
 private:
     struct Line {
         ipe_cable_line_t line;
-        Vector3 u, arm;                      ///< W
+        Vector3 u, arm, velocity;            ///< velocity: of the attachment; W
         Eigen::Matrix<double, 3, 2> across;  ///< two unit vectors across u, the first level
         double speed;                        ///< l'
     };
+    using Lines = std::array<Line, IPE_CABLES_MAX>;
 
     bool is_elastic() const { return settings_.EA > 0.0; }
     const ipe_cable_t& cable(Eigen::Index i) const { return config_.c().cable[i]; }
@@ -241,7 +258,8 @@ private:
         out.arm = R * b;
         out.line = cable_line(cable(i), x.p() + out.arm);
         out.u = Eigen::Map<const Vector3>(out.line.u);
-        out.speed = -out.u.dot(x.v() + R * x.w().cross(b));
+        out.velocity = x.v() + R * x.w().cross(b);
+        out.speed = -out.u.dot(out.velocity);
         const Vector3 level = out.u.cross(Vector3::UnitZ());
         out.across.col(0) = level.norm() > 1e-9 ? Vector3(level.normalized()) : Vector3::UnitX();
         out.across.col(1) = out.u.cross(out.across.col(0));
@@ -267,10 +285,31 @@ private:
     void set_body(const Theta& theta)
     {
         body_ = theta;
-        inverse_ = detail::mass_matrix(theta).inverse();
+        mass_ = detail::mass_matrix(theta);
     }
 
-    void accelerate(double t, const Matrix3& R, const Vector6& wrench, PlantState& x, PlantForces& out)
+    bool swings(Eigen::Index i) const { return settings_.swings && cable(i).weight_per_length > 0.0; }
+
+    /// Cable i's mass, to that of the body and to the forces that do not follow from accelerations.
+    void add_cable(Eigen::Index i, const Line& line, const Matrix3& R, const Vector3& w, Matrix6& mass,
+                   Vector6& rest) const
+    {
+        const CableMass moved = cable_mass(cable(i), line.line, config_.c().gravity, line.velocity, swings(i));
+        const Eigen::Map<const Vector3> b(cable(i).attachment);
+        const Matrix3 m = R.transpose() * moved.mass * R, arm = detail::cross_matrix(b);
+        const Vector3 falling =
+            config_.c().gravity * R.row(2).transpose();  // s is relative to it, the cable's mass is not
+        const Vector3 force = m * (w.cross(w.cross(b)) - falling) + R.transpose() * moved.rest;
+        mass.topLeftCorner<3, 3>() += m;
+        mass.topRightCorner<3, 3>() -= m * arm;
+        mass.bottomLeftCorner<3, 3>() += arm * m;
+        mass.bottomRightCorner<3, 3>() -= arm * m * arm;
+        rest.head<3>() -= force;
+        rest.tail<3>() -= b.cross(force);
+    }
+
+    void accelerate(double t, const Matrix3& R, const Lines& lines, const Vector6& wrench, PlantState& x,
+                    PlantForces& out)
     {
         if (!changes_.empty()) {
             const Theta now = theta(t);
@@ -280,7 +319,13 @@ private:
         Vector6 rest;
         rest << R.transpose() * wrench.head<3>() - w.cross(w.cross(h)),
             R.transpose() * wrench.tail<3>() - w.cross(detail::inertia_of(body_) * w);
-        const Vector6 solved = inverse_ * rest;
+        Matrix6 mass = mass_;
+        for (Eigen::Index i = 0; i < x.n_cables; ++i) {
+            if (cable(i).weight_per_length > 0.0) {
+                add_cable(i, lines[static_cast<std::size_t>(i)], R, w, mass, rest);
+            }
+        }
+        const Vector6 solved = mass.llt().solve(rest);
         out.a = R * solved.head<3>() - config_.c().gravity * Vector3::UnitZ();
         out.alpha = solved.tail<3>();
     }
@@ -290,9 +335,10 @@ private:
                PlantState& dx) const
     {
         dx.tilt().col(i) = x.tilt_rate().col(i);
-        if (!settings_.swings || !(cable(i).weight_per_length > 0.0)) { return; }
+        if (!swings(i)) { return; }
         const Eigen::Map<const Vector3> b(cable(i).attachment);
-        const Vector3 w = x.w(), end = forces.a + R * (forces.alpha.cross(b) + w.cross(w.cross(b)));
+        const Vector3 w = x.w(), a_B = forces.a + R * (forces.alpha.cross(b) + w.cross(w.cross(b)));
+        const Vector3 end = a_B + 2.0 * line.speed / line.line.free * line.velocity;  // c, along the line as well
         const double per_mass = config_.c().gravity / cable(i).weight_per_length;
         const double omega = static_cast<double>(EIGEN_PI) / line.line.free * std::sqrt(forces.f[i] * per_mass);
         dx.tilt_rate().col(i) = -2.0 * settings_.swing_damping * omega * x.tilt_rate().col(i) -
@@ -304,7 +350,7 @@ private:
     Theta theta_;
     std::vector<PayloadChange> changes_;
     Theta body_;
-    Matrix6 inverse_;
+    Matrix6 mass_;
 };
 
 /// Computed torque with an integral, tensions distributed within their limits. Knows a body and a geometry, which may not

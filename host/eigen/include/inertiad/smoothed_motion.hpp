@@ -2,7 +2,7 @@
 /// The motion of a whole run: the platform's motion stage forward, its epochs smoothed backward.
 ///
 ///   C = P_k Phi^T P-_k+1^-1                      e_k: error of the forward estimate at epoch k, given the whole run
-///   e_k|N = C (d_k+1 + e_k+1|N)                  d: what the measurements at the epoch's end added
+///   e_k|N = C (d_k+1 + e_k+1|N)                  d: correction by the measurements at the epoch's end
 ///   P_k|N = P_k + C (P_k+1|N - P-_k+1) C^T       S_k|N = S_k + C (S_k+1|N - S-_k+1)
 /// Rauch, Tung, Striebel 1965; the sensitivities S are errors too and go the same way. Between epochs e is interpolated.
 /// Heap: 5 KB per epoch of 40 ms. No state, any thread.

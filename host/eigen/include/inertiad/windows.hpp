@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The weak equations of a whole run, from its aligned rows: what batch solvers on the host work on.
+/// The weak equations of a whole run, from its aligned rows: input of the batch solvers on the host.
 /// Same stages, same order as ipe_pipeline_step(): motion (smoothed), wrench, window, cable inertia, regressor.
 #pragma once
 

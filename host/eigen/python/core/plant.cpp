@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Part of inertiad_core: forward dynamics under a controller, tension distribution, bus arbitration.
+/// Part of inertiad_core: forward dynamics under a controller, the cables' mass, tension distribution, bus arbitration.
 #include "../binding.hpp"
 
 #include <inertiad/arbitration.hpp>
@@ -120,9 +120,13 @@ public:
     void run(PlantState& x, const References& wanted, const Log& log)
     {
         const auto per = static_cast<std::size_t>(settings_.steps_per_control);
+        const double period = settings_.steps_per_control * settings_.step;
         PlantState dx(x.n_cables);
+        inertiad::Command before = command(0, x, wanted.at(0));
         for (std::size_t k = 0; k < wanted.size(); ++k) {
-            const inertiad::Command now = command(k, x, wanted.at(k));
+            const inertiad::Command next = k == 0 ? before : command(k, x, wanted.at(k));
+            const inertiad::Ramp now{before, next, static_cast<double>(k) * period, period};
+            before = next;
             if (first_infeasible < 0 && controller_.n_infeasible > 0) { first_infeasible = static_cast<long>(k); }
             const bool is_last = k + 1 == wanted.size();
             for (std::size_t j = 0; j < (is_last ? 1 : per); ++j) {
@@ -190,6 +194,18 @@ nb::dict forward(const inertiad::Config& truth, const inertiad::Config& believed
     return d;
 }
 
+nb::ndarray<nb::numpy, double> cable_mass_wrench(const inertiad::Config& config, const References& motion)
+{
+    motion.check();
+    Out<2> wrench({motion.size(), 6});
+    for (std::size_t k = 0; k < motion.size(); ++k) {
+        const inertiad::Reference at = motion.at(k);
+        Eigen::Map<inertiad::Vector6>(wrench.data + 6 * k) =
+            inertiad::cable_mass_wrench(config, at.p, at.v, at.a, at.R, at.w, at.alpha);
+    }
+    return wrench.release();
+}
+
 nb::tuple distribute(const In<Dim<-1>, Dim<6>, Dim<-1>>& W, const In<Dim<-1>, Dim<6>>& wrench,
                      const Eigen::VectorXd& pull, const Eigen::VectorXd& low, const Eigen::VectorXd& high)
 {
@@ -237,6 +253,13 @@ void bind_plant(nb::module_& m)
         "stopped (why it ended early, \"\"), of the robot `truth` with theta [10] about P, whose controller believes other "
         "things, along references [K,..] at the instants of control; payload [J,12]: t, ramp, change of theta; lengths "
         "[K,m] unstrained, where held; tilt [2,m] rad, swing at the start. plant.hpp");
+    m.def(
+        "cable_mass_wrench",
+        [](const inertiad::Config& config, const InN3& p, const InN3& v, const InN3& a, const InN33& R, const InN3& w,
+           const InN3& alpha) { return cable_mass_wrench(config, References{p, v, a, R, w, alpha}); },
+        "config"_a, "p"_a, "v"_a, "a"_a, "R"_a, "omega"_a, "alpha"_a,
+        "Wrench [N,6] about P, P axes, of the mass of straight cables on a platform in motion: p, v, a [N,3] in W, R [N,3,3] "
+        "P to W, omega, alpha [N,3] in P. ValueError where a cable has no direction. cable_mass.hpp");
     m.def("distribute", &distribute, "W"_a, "wrench"_a, "pull"_a, "low"_a, "high"_a,
           "(f [N,m] closest to pull [m] with W [N,6,m] f = wrench [N,6] and low <= f <= high, list of k where there is "
           "none). distribution.hpp");

@@ -3,7 +3,8 @@
 
     F   = m (f_P + alpha x rho + omega x (omega x rho))          f_P = R^T (a_P + g z)
     tau = m rho x f_P + J_P alpha + omega x J_P omega            platform axes, about P
-    W f + sag = [F; tau],  tension_min <= f <= tension_max       W, sag from the C core
+    W f + sag + C = [F; tau],  tension_min <= f <= tension_max       W, sag from the C core; C: the cables' mass, in
+                                                                    host/eigen/include/inertiad/cable_mass.hpp
 Tensions come in closed form, closest to an even pull; samples that break a limit get the nearest ones that do not, by a
 quadratic programme in the null space of W.
 """
@@ -99,6 +100,13 @@ def wrench_matrix(mechanics: Mechanics, t: Array, motion: Motion) -> tuple[Array
     return W, sag
 
 
+def cable_mass_wrench(mechanics: Mechanics, motion: Motion) -> Array:
+    """Wrench [N, 6] of the mass of the cables that a motion moves, about P, P axes."""
+    m = motion
+    rows = (np.ascontiguousarray(x) for x in (m.p, m.v, m.a, m.R, m.omega, m.alpha))
+    return np.asarray(inertiad_core.cable_mass_wrench(mechanics.config, *rows))
+
+
 def even_pull(W: Array, wrench: Array, pull: Array) -> Array:
     """Tensions [N, m] with W f = wrench closest to pull [m]; least squares where the robot cannot give the wrench."""
     if W.shape[2] < 6:
@@ -135,7 +143,7 @@ def tensions(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
     low = np.array([c.tension_min for c in robot.cable])
     high = np.array([c.tension_max for c in robot.cable])
     W, sag = wrench_matrix(mechanics, t, motion)
-    wrench = true_wrench(mechanics, t, motion) - sag
+    wrench = true_wrench(mechanics, t, motion) - sag - cable_mass_wrench(mechanics, motion)
     share = 2.0 * mechanics.body.mass * robot.gravity / robot.n_cables
     f = even_pull(W, wrench, np.clip(np.full(robot.n_cables, share), low, high))
     missing = np.abs((W @ f[:, :, None])[:, :, 0] - wrench).max(axis=1)
