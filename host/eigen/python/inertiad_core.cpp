@@ -547,6 +547,10 @@ NB_MODULE(inertiad_core, m)
         .def(
             "map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
             "device"_a, "host_ns"_a, "Learn from one pair; host time [ns] of the device's instant [s].")
+        .def(
+            "at", [](const ipe_clock_t& c, double device) { return ipe_clock_at(&c, device); }, "device"_a,
+            "Host time [ns] of a device time [s] near the last one mapped, nothing learnt.")
+        .def_ro("is_settled", &ipe_clock_t::is_settled)
         .def_ro("n_steps", &ipe_clock_t::n_steps);
 
     nb::class_<OwnedPipeline>(m, "Pipeline", "CAN frames and positions in, estimate out. pipeline.h")

@@ -124,6 +124,14 @@ class Clock:
     def map(self, device: float, host_ns: int) -> int:
         """Learn from one pair; host time [ns] of the device's instant [s]."""
 
+    def at(self, device: float) -> int:
+        """
+        Host time [ns] of a device time [s] near the last one mapped, nothing learnt.
+        """
+
+    @property
+    def is_settled(self) -> bool: ...
+
     @property
     def n_steps(self) -> int: ...
 
