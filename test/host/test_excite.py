@@ -151,7 +151,8 @@ def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_p
         assert inertiactl("simulate", ROBOT, *options).returncode == 0
         reported.append(daemon_sigma(run))
     ratio = np.median(reported, axis=0) / best.sigma
-    assert np.all((ratio > 1 / 1.3) & (ratio < 1.3)), ratio
+    # The rehearsed attitude has its final error as soon as it has settled.
+    assert np.all((ratio > 1 / 1.3) & (ratio < 1.4)), ratio
 
 
 @pytest.mark.slow

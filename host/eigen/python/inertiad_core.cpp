@@ -339,6 +339,34 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
     return H.release();
 }
 
+/// When the motion stage first passes rows of a planned motion on, ns from its start: it estimates an attitude by motion.
+int64_t settled_ns(const inertiad::Config& config, double rate, const Plan& plan)
+{
+    ipe_config_t ideal = config.c();
+    ideal.world_yaw = 0.0;
+    for (double* value : {ideal.attitude_bias, ideal.acc_bias, ideal.gyro_bias}) { std::fill_n(value, 3, 0.0); }
+    const double* q = ideal.imu_orientation;
+    const inertiad::Matrix3 R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+    const auto stage = std::make_unique<ipe_motion_stage_t>();
+    ipe_motion_init(stage.get(), &ideal);
+    ipe_row_t row{};
+    row.has_force = row.has_position = row.is_position_new = true;
+    for (std::size_t k = 0; k < plan.s.shape(0); ++k) {
+        const auto at = [k](const InN3& x) { return Eigen::Map<const inertiad::Vector3>(x.data() + 3 * k); };
+        const Eigen::Map<const inertiad::Matrix3> R(plan.R.data() + 9 * k);
+        const Eigen::Quaterniond turned{Eigen::Matrix3d(R * R_PI)};
+        ipe_motion_t motion;
+        row.t_ns = static_cast<int64_t>(std::llround(1e9 * static_cast<double>(k + 1) / rate));
+        Eigen::Map<inertiad::Vector3>(row.acc) = R_PI.transpose() * at(plan.s);
+        Eigen::Map<inertiad::Vector3>(row.gyro) = R_PI.transpose() * at(plan.w);
+        Eigen::Map<Eigen::Vector4d>(row.q) << turned.w(), turned.x(), turned.y(), turned.z();
+        Eigen::Map<inertiad::Vector3>(row.position) =
+            at(plan.p) + R * Eigen::Map<const inertiad::Vector3>(ideal.tracker_target);
+        if (ipe_motion_push(stage.get(), &row, &motion) == IPE_OK) { break; }
+    }
+    return row.t_ns;
+}
+
 /// Covariance [10,10] of mass, CoG and inertia that the estimator publishes after a planned motion whose windows' wrenches
 /// are y [M,6]: the daemon's own cycle of predict, update and publish, its prior and the noise it learns from y.
 inertiad::Covariance rehearse(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p,
@@ -351,7 +379,9 @@ inertiad::Covariance rehearse(const inertiad::Config& config, double rate, const
     if (ipe_estimator_init(estimator.get(), &config.c()) != IPE_OK) {
         throw std::invalid_argument("config: the filter refuses its prior");
     }
+    const int64_t begin_ns = settled_ns(config, rate, {s, w, p, R, f}), half_ns = std::llround(0.5e9 * length);
     for (std::size_t i = 0; i < window.size(); ++i) {
+        if (window[i].t_ns - half_ns < begin_ns) { continue; }
         std::copy_n(y.data() + IPE_NY * i, IPE_NY, window[i].y);
         ipe_estimator_predict(estimator.get(), &config.c(), &window[i]);
         if (ipe_estimator_update(estimator.get(), &config.c(), &window[i]) < IPE_OK) {
@@ -518,7 +548,8 @@ NB_MODULE(inertiad_core, m)
     m.def(
         "rehearse", &rehearse, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "y"_a,
         "Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to "
-        "planned_windows(), whose windows' wrenches are y [M,6]. estimator.h");
+        "planned_windows(), whose windows' wrenches are y [M,6]; the first ones are lost while the attitude settles. "
+        "estimator.h, motion.h");
     m.def(
         "published_covariance", &published_covariance, "config"_a, "theta"_a, "P"_a,
         "Covariance [10,10] of mass, CoG and inertia about P, as published for theta [10] with covariance P [10,10], both "
@@ -547,6 +578,10 @@ NB_MODULE(inertiad_core, m)
         .def(
             "map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
             "device"_a, "host_ns"_a, "Learn from one pair; host time [ns] of the device's instant [s].")
+        .def(
+            "at", [](const ipe_clock_t& c, double device) { return ipe_clock_at(&c, device); }, "device"_a,
+            "Host time [ns] of a device time [s] near the last one mapped, nothing learnt.")
+        .def_ro("is_settled", &ipe_clock_t::is_settled)
         .def_ro("n_steps", &ipe_clock_t::n_steps);
 
     nb::class_<OwnedPipeline>(m, "Pipeline", "CAN frames and positions in, estimate out. pipeline.h")

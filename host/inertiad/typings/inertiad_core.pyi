@@ -80,7 +80,7 @@ def planned_instants(config: Config, s: Annotated[NDArray[numpy.float64], dict(s
 
 def rehearse(config: Config, rate: float, s: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], w: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], f: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], y: Annotated[NDArray[numpy.float64], dict(shape=(None, 6), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]:
     """
-    Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to planned_windows(), whose windows' wrenches are y [M,6]. estimator.h
+    Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to planned_windows(), whose windows' wrenches are y [M,6]; the first ones are lost while the attitude settles. estimator.h, motion.h
     """
 
 def published_covariance(config: Config, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], P: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]) -> Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')]:
@@ -123,6 +123,14 @@ class Clock:
 
     def map(self, device: float, host_ns: int) -> int:
         """Learn from one pair; host time [ns] of the device's instant [s]."""
+
+    def at(self, device: float) -> int:
+        """
+        Host time [ns] of a device time [s] near the last one mapped, nothing learnt.
+        """
+
+    @property
+    def is_settled(self) -> bool: ...
 
     @property
     def n_steps(self) -> int: ...

@@ -41,6 +41,10 @@ RATE_AFTER: Final = 2.0
 """s of host time after which device time must have run as fast"""
 RATE_FACTOR: Final = 10.0
 """within which it must: units lie further apart, and a recorder that lags for lack of computing time may not look so"""
+HOLD_NS: Final = 10_000_000_000
+"""for which a row of tracker.csv waits at most for the clock's fit"""
+SAME_FIT_NS: Final = 1_000_000_000
+"""within which a fit that is the same but better may move a sample; more is another one"""
 STEP_BACK: Final = 1.0
 """s of device time: more is a restart of the instrument, less a late duplicate"""
 
@@ -88,6 +92,7 @@ class Tracker:
         self._began: tuple[float, int] | None = None
         """device [s] and host [ns] time of the first sample"""
         self._is_judged = False
+        self._has_device_time = False
 
     def _check_rate(self, t_device: float, host_ns: int) -> None:
         """InputError: device time does not pass as host time does."""
@@ -148,6 +153,7 @@ class Tracker:
         message = tracker_t()
         message.t_ns = host_ns
         if sample.t_device is not None:
+            self._has_device_time = True
             self._check_rate(sample.t_device, host_ns)
             message.t_ns = self._clock.map(sample.t_device, host_ns)
             message.t_device_ns = round(1e9 * sample.t_device)
@@ -159,6 +165,17 @@ class Tracker:
         message.sequence, message.n_dropped = c.n_published, c.n_lost
         c.n_published += 1
         return message
+
+    def is_settled(self) -> bool:
+        """Can host times be relied on? Until the clock has seen prompt arrivals, they are late."""
+        return not self._has_device_time or self._clock.is_settled
+
+    def host_time(self, message: tracker_t) -> int:
+        """Host time of a message as the clock is fitted now, ns; as published where device time started anew since."""
+        if not self._has_device_time:
+            return int(message.t_ns)
+        t_ns = self._clock.at(1e-9 * message.t_device_ns)
+        return int(t_ns if abs(t_ns - message.t_ns) < SAME_FIT_NS else message.t_ns)
 
 
 # ---- LCM and files ---------------------------------------------------------------------------------------------------
@@ -218,6 +235,7 @@ class Recording:
         heads = tracker_csv.POSE_HEADER if options.layout.has_attitude else tracker_csv.HEADER
         self._write(self._csv, (heads + "\n").encode())
         self._last_ns = 0
+        self._waiting: deque[tracker_t] = deque()
         host_info.write(self.folder)
 
     def _write(self, file: FileIO, data: bytes) -> bool:
@@ -248,21 +266,27 @@ class Recording:
                 self._keep(message)
 
     def _keep(self, message: tracker_t) -> None:
-        """A row of tracker.csv: valid, and later than the one before."""
-        if not message.valid:
-            return
-        if (
-            message.t_ns // 1000 <= self._last_ns // 1000
-        ):  # came together without device time, or the clock's fit became better
+        """A valid message becomes a row of tracker.csv once its time is final: a better fit moves it back."""
+        if message.valid:
+            self._waiting.append(message)
+        while self._waiting and (self.tracker.is_settled() or message.t_ns - self._waiting[0].t_ns > HOLD_NS):
+            self._write_row(self._waiting.popleft())
+
+    def _write_row(self, message: tracker_t) -> None:
+        """A row of tracker.csv, if it is later than the one before."""
+        t_ns = self.tracker.host_time(message)
+        if t_ns // 1000 <= self._last_ns // 1000:  # came together without device time
             self.n_out_of_order += 1
             return
-        self._last_ns = message.t_ns
-        s, us = divmod(message.t_ns // 1000, 1_000_000)
+        self._last_ns = t_ns
+        s, us = divmod(t_ns // 1000, 1_000_000)
         values = [*message.position, *(message.q if message.has_q else ())]
         self.n_rows += self._write(self._csv, f"{s}.{us:06d},{','.join(f'{v:.9f}' for v in values)}\n".encode())
 
     def close(self) -> None:
-        """Close all files."""
+        """Write the rows that wait, close all files."""
+        while self._waiting:
+            self._write_row(self._waiting.popleft())
         self.lcm.stop()
         self._raw.close()
         self._csv.close()
