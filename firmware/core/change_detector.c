@@ -3,14 +3,25 @@
 
 #include "smallmat.h"
 
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define CUSUM_DRIFT \
     12.0  // NIS, twice its mean of 6: chosen so that noise underrated by a factor of 1.4 raises no alarm
 #define CUSUM_LIMIT 60.0  // NIS: chosen so that five windows at twice the drift raise the alarm (Page 1954)
+#define CALM_WINDOWS 5
+#define CONTEST_WINDOWS 50
+#define SETTLING_WINDOWS 50
+
 void ipe_change_detector_init(ipe_change_detector_t* d)
 {
     memset(d, 0, sizeof *d);
+}
+
+void ipe_change_detector_restart(ipe_change_detector_t* d)
+{
+    d->n_contest = d->n_restless = d->n_calm = 0;
 }
 
 double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
@@ -34,17 +45,76 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
     return nis;
 }
 
-ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, double nis)
+#define LEVEL_START 6.0
+#define LEVEL_WINDOWS 50.0
+#define LEVEL_MIN 0.5
+#define DRIFT 2.0
+#define LIMIT 10.0
+#define LLR_MIN 20.0
+#define EVIDENCE 600.0
+#define MISFIT_MAX 1.0
+#define MOMENTS_MIN 40.0
+static bool is_suspicious(ipe_change_detector_t* d, double nis)
 {
-    if (isnan(nis)) { return IPE_CHANGE_DETECTOR_USE; }
-    d->n_outstanding = nis > IPE_CHANGE_DETECTOR_NIS_LIMIT ? d->n_outstanding + 1 : 0;
-    if (d->n_outstanding == 1) {
-        ++d->n_held;
-        return IPE_CHANGE_DETECTOR_HOLD;
-    }
-    d->cusum = fmax(0.0, d->cusum + fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - CUSUM_DRIFT);
-    if (d->n_outstanding == 0 && d->cusum <= CUSUM_LIMIT) { return IPE_CHANGE_DETECTOR_USE; }
+    const double level = fmax(d->level, LEVEL_MIN);
+    d->cusum = fmax(0.0, d->cusum + fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - DRIFT * level);
+    if (nis <= IPE_CHANGE_DETECTOR_NIS_LIMIT && d->cusum <= LIMIT * level) { return false; }
     d->cusum = 0.0;
-    ++d->n_changes;
-    return IPE_CHANGE_DETECTOR_CHANGE;
+    return true;
+}
+
+static void learn_level(ipe_change_detector_t* d, double nis)
+{
+    d->level += (fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - d->level) / LEVEL_WINDOWS;
+}
+
+ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
+                                                       const double payload_std[IPE_NP])
+{
+    static int kk; ++kk; if (getenv("TRACEALL")) { fprintf(stderr, "W %d nis %.1f\n", kk, w->nis); }
+    if (isnan(w->nis)) { return IPE_CHANGE_DETECTOR_USE; }
+    if (d->level == 0.0) { d->level = LEVEL_START; }
+    if (d->n_settling > 0) { --d->n_settling; d->cusum = 0; learn_level(d, w->nis); return IPE_CHANGE_DETECTOR_USE; }
+    if (d->n_contest == 0) {
+        if (!is_suspicious(d, w->nis)) { learn_level(d, w->nis); return IPE_CHANGE_DETECTOR_USE; }
+        ipe_body_step_start(&d->step);
+    }
+    ++d->n_contest;
+    const bool is_calm = w->nis <= DRIFT * fmax(d->level, LEVEL_MIN);
+    d->n_restless += !is_calm;
+    d->n_calm = is_calm ? d->n_calm + 1 : 0;
+    ipe_body_step_fit_t fit, one;
+    ipe_body_step_t single;
+    ipe_body_step_start(&single);
+    ipe_body_step_add(&single, w->Y, w->innovation, w->S, w->L);
+    ipe_body_step_solve(&single, payload_std, &one);
+    ipe_body_step_add(&d->step, w->Y, w->innovation, w->S, w->L);
+    ipe_body_step_solve(&d->step, payload_std, &fit);
+    // contradiction of this window to step
+    if (d->step.n_windows > 1 && fit.misfit > MISFIT_MAX && one.misfit < 0.25 * fit.misfit) {
+        d->step = single;
+        fit = one;
+    }
+    const bool won = d->step.n_windows > 1 && fit.misfit < MISFIT_MAX && fit.log_likelihood_ratio > LLR_MIN &&
+        fit.log_likelihood_ratio * d->step.n_windows > EVIDENCE && fit.first_moments > MOMENTS_MIN;
+    if (getenv("TRACE")) {
+        fprintf(stderr, "T %d n %d nis %8.1f one: llr %8.1f misfit %7.1f | llr %8.1f misfit %7.1f m %7.3f  mom %8.1f calm %d lev %.2f\n",
+                d->n_contest, d->step.n_windows, w->nis, one.log_likelihood_ratio, one.misfit, fit.log_likelihood_ratio,
+                fit.misfit, fit.theta[0], fit.first_moments, d->n_calm, d->level);
+        if (won) fprintf(stderr, "CHANGE %d\n", kk);
+    }
+    if (won) {
+        ++d->n_changes;
+        ipe_change_detector_restart(d);
+        return IPE_CHANGE_DETECTOR_CHANGE;
+    }
+    if (d->n_calm >= (d->n_restless < CALM_WINDOWS ? d->n_restless : CALM_WINDOWS) || d->n_contest >= CONTEST_WINDOWS) {
+        if (d->n_contest >= CONTEST_WINDOWS) { d->n_settling = SETTLING_WINDOWS; }
+        ++d->n_rejected;
+        if (getenv("TRACE")) { fprintf(stderr, "rejected %d\n",kk); }
+        ipe_change_detector_restart(d);
+        return IPE_CHANGE_DETECTOR_USE;
+    }
+    ++d->n_held;
+    return IPE_CHANGE_DETECTOR_HOLD;
 }

@@ -93,6 +93,7 @@ static const ipe_counter_t COUNTER[] = {
     {"window.backwards", AT(window.n_backwards), REJECTED | BAD},
     {"detect.held", AT(estimator.change_detector.n_held), 0},
     {"detect.changes", AT(estimator.change_detector.n_changes), 0},
+    {"detect.rejected", AT(estimator.change_detector.n_rejected), 0},
     {"rls.updates", AT(estimator.rls.n_updates), 0},
     {"rls.not_finite", AT(estimator.rls.n_nonfinite), BAD},
     {"estimate.refused", AT(estimator.n_refused), BAD},

@@ -35,7 +35,7 @@ void ipe_estimator_reset(ipe_estimator_t* e, const ipe_config_t* config)
 void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from)
 {
     *e = *from;
-    e->change_detector.n_outstanding = 0;
+    ipe_change_detector_restart(&e->change_detector);
     ipe_pose_dwell_restart(&e->pose_dwell);
     ipe_estimator_restart_windows(e);
 }
@@ -63,10 +63,19 @@ static ipe_status_t build_equations(ipe_estimator_t* e, const ipe_config_t* conf
 }
 
 /// Use the window, hold it back, or take it as a change of payload. Until the noise is known, every window is used.
-static ipe_change_detector_verdict_t judge(ipe_estimator_t* e)
+static ipe_change_detector_verdict_t judge(ipe_estimator_t* e, const ipe_config_t* config, const double* H,
+                                           const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
 {
+    double Y[IPE_NY][IPE_NP], payload_std[IPE_NP];
     if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_CHANGE_DETECTOR_USE; }
-    return ipe_change_detector_push(&e->change_detector, e->nis);
+    for (int i = 0; i < IPE_NY; ++i) { memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]); }
+    ipe_prior_payload_std(config, payload_std);
+    const ipe_change_detector_window_t window = {.Y = (const double (*)[IPE_NP])Y,
+                                                 .innovation = innovation,
+                                                 .S = S,
+                                                 .L = (const double (*)[IPE_NY])e->noise.L,
+                                                 .nis = e->nis};
+    return ipe_change_detector_push(&e->change_detector, &window, payload_std);
 }
 
 /// A new payload: theta may be anything the robot can carry; what is known of the sensors stays. A known pose is new again.
@@ -101,7 +110,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
     if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT)) { return IPE_OK; }
-    const ipe_change_detector_verdict_t verdict = judge(e);  // innovation -> same payload?
+    const ipe_change_detector_verdict_t verdict = judge(e, config, H, innovation, (const double (*)[IPE_NY])S);  // innovation -> same payload?
     if (verdict == IPE_CHANGE_DETECTOR_HOLD) { return IPE_NOT_READY; }
     if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_theta(e, config); }
     if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
