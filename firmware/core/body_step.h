@@ -39,6 +39,7 @@ bool ipe_body_step_add(ipe_body_step_t* s, const double Y[IPE_NY][IPE_NP], const
                        const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY]);
 
 /// The best step, with one sigma std [10] of its entries beforehand, > 0. Needs a window.
-void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], ipe_body_step_fit_t* fit);
+void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale,
+                         ipe_body_step_fit_t* fit);
 
 #endif

@@ -49,9 +49,9 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
 #define LEVEL_WINDOWS 50.0
 #define LEVEL_MIN 0.5
 #define DRIFT 2.0
-#define LIMIT 10.0
+#define LIMIT 6.0
 #define LLR_MIN 20.0
-#define EVIDENCE 600.0
+#define EVIDENCE 1000.0
 #define MISFIT_MAX 1.0
 #define MOMENTS_MIN 40.0
 static bool is_suspicious(ipe_change_detector_t* d, double nis)
@@ -65,7 +65,8 @@ static bool is_suspicious(ipe_change_detector_t* d, double nis)
 
 static void learn_level(ipe_change_detector_t* d, double nis)
 {
-    d->level += (fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - d->level) / LEVEL_WINDOWS;
+    d->level += (fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - d->level) / d->n_level;
+    d->n_level += d->n_level < LEVEL_WINDOWS;
 }
 
 ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
@@ -73,7 +74,7 @@ ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d,
 {
     static int kk; ++kk; if (getenv("TRACEALL")) { fprintf(stderr, "W %d nis %.1f\n", kk, w->nis); }
     if (isnan(w->nis)) { return IPE_CHANGE_DETECTOR_USE; }
-    if (d->level == 0.0) { d->level = LEVEL_START; }
+    if (d->level == 0.0) { d->level = LEVEL_START; d->n_level = 10; }
     if (d->n_settling > 0) { --d->n_settling; d->cusum = 0; learn_level(d, w->nis); return IPE_CHANGE_DETECTOR_USE; }
     if (d->n_contest == 0) {
         if (!is_suspicious(d, w->nis)) { learn_level(d, w->nis); return IPE_CHANGE_DETECTOR_USE; }
@@ -87,20 +88,32 @@ ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d,
     ipe_body_step_t single;
     ipe_body_step_start(&single);
     ipe_body_step_add(&single, w->Y, w->innovation, w->S, w->L);
-    ipe_body_step_solve(&single, payload_std, &one);
+    ipe_body_step_solve(&single, payload_std, 1.0, &one);
     ipe_body_step_add(&d->step, w->Y, w->innovation, w->S, w->L);
-    ipe_body_step_solve(&d->step, payload_std, &fit);
+    ipe_body_step_solve(&d->step, payload_std, 1.0, &fit);
     // contradiction of this window to step
     if (d->step.n_windows > 1 && fit.misfit > MISFIT_MAX && one.misfit < 0.25 * fit.misfit) {
         d->step = single;
         fit = one;
     }
-    const bool won = d->step.n_windows > 1 && fit.misfit < MISFIT_MAX && fit.log_likelihood_ratio > LLR_MIN &&
-        fit.log_likelihood_ratio * d->step.n_windows > EVIDENCE && fit.first_moments > MOMENTS_MIN;
+    bool won = false;
+    double kap = 1.0, mm=0, hh=0, jj=0;
+    for (int kk = 0; kk < 5 && !won; ++kk, kap /= 4.0) {
+        double std[IPE_NP];
+        for (int i = 0; i < IPE_NP; ++i) { std[i] = kap * payload_std[i]; }
+        ipe_body_step_solve(&d->step, std, fmax(1.0, d->level), &fit);
+        mm = fabs(fit.theta[0])/std[0], hh=0, jj=0; for(int i=1;i<4;i++) hh+=pow(fit.theta[i]/std[i],2); for(int i=4;i<10;i++) jj+=pow(fit.theta[i]/std[i],2);
+        hh = sqrt(hh); jj = sqrt(jj);
+        won = d->step.n_windows > 1 && fit.misfit < MISFIT_MAX && fit.log_likelihood_ratio > LLR_MIN && (mm > 0.25 || hh > 0.25) && (fabs(fit.theta[0]) > 0.005 * w->mass || (d->step.n_windows >= 30 && hh * std[0] > 0.005 * w->mass)) &&
+            fit.log_likelihood_ratio * d->step.n_windows > EVIDENCE && fit.first_moments > MOMENTS_MIN;
+        if (getenv("TRACE")) { fprintf(stderr, "   k %.4f llr %8.1f misfit %.2f m %.3f h %.3f J %.3f  mom %.1f\n", kap, fit.log_likelihood_ratio, fit.misfit, mm, hh, jj, fit.first_moments); }
+        if (won) break;
+    }
     if (getenv("TRACE")) {
         fprintf(stderr, "T %d n %d nis %8.1f one: llr %8.1f misfit %7.1f | llr %8.1f misfit %7.1f m %7.3f  mom %8.1f calm %d lev %.2f\n",
                 d->n_contest, d->step.n_windows, w->nis, one.log_likelihood_ratio, one.misfit, fit.log_likelihood_ratio,
                 fit.misfit, fit.theta[0], fit.first_moments, d->n_calm, d->level);
+        if (won) fprintf(stderr,"S kap %.4f m %.3f h %.3f J %.3f  kg %.3f misfit %.2f llr %.1f n %d mom %.1f nis %.1f lev %.2f\n", kap, mm, hh, jj, fit.theta[0], fit.misfit, fit.log_likelihood_ratio, d->step.n_windows, fit.first_moments, w->nis, d->level);
         if (won) fprintf(stderr, "CHANGE %d\n", kk);
     }
     if (won) {

@@ -27,6 +27,7 @@ typedef enum {
 
 typedef struct {
     double level;          ///< mean NIS of late
+    int n_level;
     double cusum;
     int n_contest;         ///< windows of the contest that runs, 0: none
     int n_restless;        ///< those that the body before does not explain
@@ -53,7 +54,7 @@ typedef struct {
     const double* innovation;       ///< [6]
     const double (*S)[IPE_NY];      ///< its covariance by the states [6][6]
     const double (*L)[IPE_NY];      ///< factor of the noise's covariance [6][6]
-    double nis;
+    double nis, mass;
 } ipe_change_detector_window_t;
 
 /// What to do with this window; payload_std [10] is one sigma of a payload's parameters about the IMU. A NIS of NaN tells

@@ -74,7 +74,7 @@ static ipe_change_detector_verdict_t judge(ipe_estimator_t* e, const ipe_config_
                                                  .innovation = innovation,
                                                  .S = S,
                                                  .L = (const double (*)[IPE_NY])e->noise.L,
-                                                 .nis = e->nis};
+                                                 .nis = e->nis, .mass = e->rls.x[0]};
     return ipe_change_detector_push(&e->change_detector, &window, payload_std);
 }
 
