@@ -4,8 +4,8 @@
 ///   e_k = Y_k d + noise,  noise ~ N(0, s V_k),  d ~ N(0, diag(std^2)),  V_k = S_k + L L^T
 /// e_k is the innovation of window k under the body before the step, Y_k the regressor; std is what the cables can carry.
 /// The sums A = sum Y^T V^-1 Y, b = sum Y^T V^-1 e and sum e^T V^-1 e hold all that the windows say about d. With the
-/// normalised innovation squared as the sum of an explained and a remaining part, D + Q, the scale s = Q/(6 K - 10), at
-/// least 1, is what the noise would be if the model with the step were right (Birge), and
+/// normalised innovation squared as the sum of an explained and a remaining part, D + Q, the scale s = Q/(6 K - 10), but
+/// at least a given one, is what the noise would be if the model with the step were right (Birge), and
 ///   log-likelihood ratio = (D - ln det(1 + A diag(std^2)/s)) / 2,   D taken with s
 /// compares a body with this step and one without; the determinant is the penalty for ten more unknowns.
 /// Source: Willsky, Jones, IEEE Trans. Automatic Control 21(1), 1976; firmware/DESIGN.md, "Change". 0.9 KB, 2 us per window.
@@ -38,7 +38,8 @@ void ipe_body_step_start(ipe_body_step_t* s);
 bool ipe_body_step_add(ipe_body_step_t* s, const double Y[IPE_NY][IPE_NP], const double innovation[IPE_NY],
                        const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY]);
 
-/// The best step, with one sigma std [10] of its entries beforehand, > 0. Needs a window.
+/// The best step, with one sigma std [10] of its entries beforehand, > 0, and noise of at least this scale, > 0. Needs a
+/// window.
 void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale,
                          ipe_body_step_fit_t* fit);
 

@@ -3,25 +3,42 @@
 
 #include "smallmat.h"
 
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-#define CUSUM_DRIFT \
-    12.0  // NIS, twice its mean of 6: chosen so that noise underrated by a factor of 1.4 raises no alarm
-#define CUSUM_LIMIT 60.0  // NIS: chosen so that five windows at twice the drift raise the alarm (Page 1954)
-#define CALM_WINDOWS 5
-#define CONTEST_WINDOWS 50
-#define SETTLING_WINDOWS 50
+#define LEVEL_START 10     // windows that a NIS of 6 counts for at the start: chosen so that 1 s of data outweighs it
+#define LEVEL_WINDOWS 50   // that the level is the mean of: chosen as many as the noise is learnt from before it counts
+#define LEVEL_MIN 0.5      // NIS: chosen as the level of overlapping windows whose noise outlasts them, the lowest seen
+#define DRIFT 2.0          // levels: chosen so that noise underrated by a factor of 1.4 raises no suspicion
+#define CUSUM_LIMIT 6.0    // levels: chosen so that 1 % of the mass raises it before the filter has absorbed it
+#define UNKNOWN_NOISE 4.0  // chosen so that declared noise may be too small by a factor of 2 to 6
+#define CALM_WINDOWS 5     // chosen as one more than share an instant
+#define CONTEST_WINDOWS 50  // 5 s at a window of 0.4 s: chosen longer than people lean on a platform
+#define MOVING 0.25        // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
+#define WINDOWS_MIN 2      // chosen so that a change of 20 % is found within 0.6 s
+#define MISFIT_MAX 1.0     // chosen as what the noise explains; payloads leave 0.1 to 0.6, pushes 1 to 1000
+#define EVIDENCE_MIN 20.0  // of log-likelihood: chosen so that noise reaches it once in 5e8 contests
+#define EVIDENCE 1000.0    // log-likelihood times windows: chosen so that a small step must stay for longer
+#define FIRST_MOMENTS_MIN 40.0  // chi-squared with 4 degrees of freedom exceeds it once in 2e7 contests
+#define LEAST_MASS 0.005   // of the mass: chosen as half of the smallest change to be found
+#define SAME_CHANGE 10     // windows: chosen so that a load that is picked up within 1 s is one change
+#define SHIFT_WINDOWS 30   // a load that only moves on the platform: chosen longer than most pushes,
+#define SHIFT_EVIDENCE 300.0  // and so that friction does not pass for it
+#define SCALES 5           // down to 1/256 of what the cables carry: chosen so that 0.1 % of the mass is among them
+#define SCALE_STEP 4.0
+#define SCALE_SHARE (1.0 / SCALE_STEP)  // of its std that a step must have, so that it is of this scale
 
 void ipe_change_detector_init(ipe_change_detector_t* d)
 {
     memset(d, 0, sizeof *d);
+    d->level = IPE_NY;
+    d->n_level = LEVEL_START;
+    d->n_since_change = SAME_CHANGE + 1;
 }
 
 void ipe_change_detector_restart(ipe_change_detector_t* d)
 {
-    d->n_contest = d->n_restless = d->n_calm = 0;
+    d->n_contest = d->n_restless = d->n_calm = d->n_steps = 0;
+    d->contest_square = d->cusum = 0.0;
 }
 
 double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
@@ -45,89 +62,125 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
     return nis;
 }
 
-#define LEVEL_START 6.0
-#define LEVEL_WINDOWS 50.0
-#define LEVEL_MIN 0.5
-#define DRIFT 2.0
-#define LIMIT 6.0
-#define LLR_MIN 20.0
-#define EVIDENCE 1000.0
-#define MISFIT_MAX 1.0
-#define MOMENTS_MIN 40.0
-static bool is_suspicious(ipe_change_detector_t* d, double nis)
+static double restless_nis(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
 {
-    const double level = fmax(d->level, LEVEL_MIN);
-    d->cusum = fmax(0.0, d->cusum + fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - DRIFT * level);
-    if (nis <= IPE_CHANGE_DETECTOR_NIS_LIMIT && d->cusum <= LIMIT * level) { return false; }
-    d->cusum = 0.0;
-    return true;
+    return w->is_noise_known ? DRIFT * fmax(d->level, LEVEL_MIN) : DRIFT * IPE_NY;
+}
+
+static bool is_suspicious(ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
+{
+    const double limit = (w->is_noise_known ? 1.0 : UNKNOWN_NOISE) * IPE_CHANGE_DETECTOR_NIS_LIMIT;
+    d->cusum = w->is_noise_known ? fmax(0.0, d->cusum + w->nis - restless_nis(d, w)) : 0.0;
+    return w->nis > limit || d->cusum > CUSUM_LIMIT * fmax(d->level, LEVEL_MIN);
 }
 
 static void learn_level(ipe_change_detector_t* d, double nis)
 {
-    d->level += (fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - d->level) / d->n_level;
     d->n_level += d->n_level < LEVEL_WINDOWS;
+    d->level += (fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - d->level) / d->n_level;
+}
+
+/// The body after, with this window. Anew from it where the load still moves: alone the window is a step of a body, with
+/// those before it is none; and where 5 s of them are none.
+static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double std[IPE_NP])
+{
+    ipe_body_step_fit_t fit, alone;
+    ipe_body_step_start(&d->last);
+    if (!ipe_body_step_add(&d->last, w->Y, w->innovation, w->S, w->L)) { return; }
+    (void)ipe_body_step_add(&d->step, w->Y, w->innovation, w->S, w->L);
+    ipe_body_step_solve(&d->last, std, 1.0, &alone);
+    ipe_body_step_solve(&d->step, std, 1.0, &fit);
+    const bool is_new = alone.misfit < MOVING * fit.misfit || d->step.n_windows >= CONTEST_WINDOWS;
+    if (fit.misfit > MISFIT_MAX && is_new) { d->step = d->last; }
+}
+
+/// Is the step one of a body that explains far more than noise, if it lasts for n windows?
+static bool is_body(const ipe_body_step_fit_t* fit, const double std[IPE_NP], double mass, int n)
+{
+    const double moment = vec3_norm(fit->theta + 1), least = LEAST_MASS * mass, evidence = fit->log_likelihood_ratio;
+    const bool is_of_scale = fabs(fit->theta[0]) > SCALE_SHARE * std[0] || moment > SCALE_SHARE * std[1];
+    const bool is_load = fabs(fit->theta[0]) > least;
+    const bool is_shift = moment * std[0] > least * std[1] && n >= SHIFT_WINDOWS && evidence > SHIFT_EVIDENCE;
+    return fit->misfit < MISFIT_MAX && fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN &&
+           evidence * n > EVIDENCE && is_of_scale && (is_load || is_shift);
+}
+
+/// Loads of all scales are tried: under the prior of a load as heavy as the cables carry, its moments of inertia explain
+/// whatever its mass and first moments do not.
+static bool is_step(const ipe_change_detector_t* d, const ipe_body_step_t* step, const double payload_std[IPE_NP],
+                    double mass, int n)
+{
+    double std[IPE_NP];
+    ipe_body_step_fit_t fit;
+    memcpy(std, payload_std, sizeof std);
+    for (int k = 0; k < SCALES && step->n_windows > 0; ++k) {
+        ipe_body_step_solve(step, std, fmax(1.0, d->level), &fit);
+        if (is_body(&fit, std, mass, n)) { return true; }
+        for (int i = 0; i < IPE_NP; ++i) { std[i] /= SCALE_STEP; }
+    }
+    return false;
+}
+
+/// A step that lasts; or one so large that two windows in a row show it, each alone, while the load still moves.
+static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double payload_std[IPE_NP])
+{
+    d->n_steps = is_step(d, &d->last, payload_std, w->mass, WINDOWS_MIN) ? d->n_steps + 1 : 0;
+    return d->n_steps >= WINDOWS_MIN ||
+           (d->step.n_windows >= WINDOWS_MIN && is_step(d, &d->step, payload_std, w->mass, d->step.n_windows));
+}
+
+static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
+                                             const double payload_std[IPE_NP])
+{
+    if (d->n_contest == 0) { ipe_body_step_start(&d->step); }
+    const bool is_calm = w->nis <= restless_nis(d, w);
+    if (!ipe_change_detector_is_misfit(d)) {
+        ++d->n_contest;
+        d->contest_square += fmin(w->nis, IPE_CHANGE_DETECTOR_NIS_LIMIT);
+    }
+    d->n_restless += !is_calm && d->n_restless < CALM_WINDOWS;
+    d->n_calm = is_calm ? d->n_calm + 1 : 0;
+    follow_step(d, w, payload_std);
+    if (w->is_noise_known && is_won(d, w, payload_std)) {
+        d->n_changes += d->n_since_change > SAME_CHANGE;
+        d->n_since_change = 0;
+        ipe_change_detector_restart(d);
+        return IPE_CHANGE_DETECTOR_CHANGE;
+    }
+    if (d->n_calm >= d->n_restless) {
+        ++d->n_rejected;
+        ipe_change_detector_restart(d);
+        return IPE_CHANGE_DETECTOR_USE;
+    }
+    ++d->n_held;
+    if (!ipe_change_detector_is_misfit(d)) { return IPE_CHANGE_DETECTOR_HOLD; }
+    ++d->n_misfit;
+    learn_level(d, w->nis);
+    return IPE_CHANGE_DETECTOR_MISFIT;
 }
 
 ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
                                                        const double payload_std[IPE_NP])
 {
-    static int kk; ++kk; if (getenv("TRACEALL")) { fprintf(stderr, "W %d nis %.1f\n", kk, w->nis); }
     if (isnan(w->nis)) { return IPE_CHANGE_DETECTOR_USE; }
-    if (d->level == 0.0) { d->level = LEVEL_START; d->n_level = 10; }
-    if (d->n_settling > 0) { --d->n_settling; d->cusum = 0; learn_level(d, w->nis); return IPE_CHANGE_DETECTOR_USE; }
-    if (d->n_contest == 0) {
-        if (!is_suspicious(d, w->nis)) { learn_level(d, w->nis); return IPE_CHANGE_DETECTOR_USE; }
-        ipe_body_step_start(&d->step);
-    }
-    ++d->n_contest;
-    const bool is_calm = w->nis <= DRIFT * fmax(d->level, LEVEL_MIN);
-    d->n_restless += !is_calm;
-    d->n_calm = is_calm ? d->n_calm + 1 : 0;
-    ipe_body_step_fit_t fit, one;
-    ipe_body_step_t single;
-    ipe_body_step_start(&single);
-    ipe_body_step_add(&single, w->Y, w->innovation, w->S, w->L);
-    ipe_body_step_solve(&single, payload_std, 1.0, &one);
-    ipe_body_step_add(&d->step, w->Y, w->innovation, w->S, w->L);
-    ipe_body_step_solve(&d->step, payload_std, 1.0, &fit);
-    // contradiction of this window to step
-    if (d->step.n_windows > 1 && fit.misfit > MISFIT_MAX && one.misfit < 0.25 * fit.misfit) {
-        d->step = single;
-        fit = one;
-    }
-    bool won = false;
-    double kap = 1.0, mm=0, hh=0, jj=0;
-    for (int kk = 0; kk < 5 && !won; ++kk, kap /= 4.0) {
-        double std[IPE_NP];
-        for (int i = 0; i < IPE_NP; ++i) { std[i] = kap * payload_std[i]; }
-        ipe_body_step_solve(&d->step, std, fmax(1.0, d->level), &fit);
-        mm = fabs(fit.theta[0])/std[0], hh=0, jj=0; for(int i=1;i<4;i++) hh+=pow(fit.theta[i]/std[i],2); for(int i=4;i<10;i++) jj+=pow(fit.theta[i]/std[i],2);
-        hh = sqrt(hh); jj = sqrt(jj);
-        won = d->step.n_windows > 1 && fit.misfit < MISFIT_MAX && fit.log_likelihood_ratio > LLR_MIN && (mm > 0.25 || hh > 0.25) && (fabs(fit.theta[0]) > 0.005 * w->mass || (d->step.n_windows >= 30 && hh * std[0] > 0.005 * w->mass)) &&
-            fit.log_likelihood_ratio * d->step.n_windows > EVIDENCE && fit.first_moments > MOMENTS_MIN;
-        if (getenv("TRACE")) { fprintf(stderr, "   k %.4f llr %8.1f misfit %.2f m %.3f h %.3f J %.3f  mom %.1f\n", kap, fit.log_likelihood_ratio, fit.misfit, mm, hh, jj, fit.first_moments); }
-        if (won) break;
-    }
-    if (getenv("TRACE")) {
-        fprintf(stderr, "T %d n %d nis %8.1f one: llr %8.1f misfit %7.1f | llr %8.1f misfit %7.1f m %7.3f  mom %8.1f calm %d lev %.2f\n",
-                d->n_contest, d->step.n_windows, w->nis, one.log_likelihood_ratio, one.misfit, fit.log_likelihood_ratio,
-                fit.misfit, fit.theta[0], fit.first_moments, d->n_calm, d->level);
-        if (won) fprintf(stderr,"S kap %.4f m %.3f h %.3f J %.3f  kg %.3f misfit %.2f llr %.1f n %d mom %.1f nis %.1f lev %.2f\n", kap, mm, hh, jj, fit.theta[0], fit.misfit, fit.log_likelihood_ratio, d->step.n_windows, fit.first_moments, w->nis, d->level);
-        if (won) fprintf(stderr, "CHANGE %d\n", kk);
-    }
-    if (won) {
-        ++d->n_changes;
-        ipe_change_detector_restart(d);
-        return IPE_CHANGE_DETECTOR_CHANGE;
-    }
-    if (d->n_calm >= (d->n_restless < CALM_WINDOWS ? d->n_restless : CALM_WINDOWS) || d->n_contest >= CONTEST_WINDOWS) {
-        if (d->n_contest >= CONTEST_WINDOWS) { d->n_settling = SETTLING_WINDOWS; }
-        ++d->n_rejected;
-        if (getenv("TRACE")) { fprintf(stderr, "rejected %d\n",kk); }
-        ipe_change_detector_restart(d);
-        return IPE_CHANGE_DETECTOR_USE;
-    }
-    ++d->n_held;
-    return IPE_CHANGE_DETECTOR_HOLD;
+    d->n_since_change += d->n_since_change <= SAME_CHANGE;
+    if (d->n_contest > 0 || is_suspicious(d, w)) { return compete(d, w, payload_std); }
+    learn_level(d, w->nis);
+    return IPE_CHANGE_DETECTOR_USE;
+}
+
+bool ipe_change_detector_is_contested(const ipe_change_detector_t* d)
+{
+    return d->n_contest > 0;
+}
+
+bool ipe_change_detector_is_misfit(const ipe_change_detector_t* d)
+{
+    return d->n_contest > CONTEST_WINDOWS;
+}
+
+double ipe_change_detector_inflation(const ipe_change_detector_t* d)
+{
+    const double of_contest = ipe_change_detector_is_misfit(d) ? d->contest_square / d->n_contest : 0.0;
+    return fmax(1.0, fmax(d->level, of_contest) / IPE_NY);
 }

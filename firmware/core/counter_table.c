@@ -94,6 +94,7 @@ static const ipe_counter_t COUNTER[] = {
     {"detect.held", AT(estimator.change_detector.n_held), 0},
     {"detect.changes", AT(estimator.change_detector.n_changes), 0},
     {"detect.rejected", AT(estimator.change_detector.n_rejected), 0},
+    {"detect.misfit", AT(estimator.change_detector.n_misfit), 0},
     {"rls.updates", AT(estimator.rls.n_updates), 0},
     {"rls.not_finite", AT(estimator.rls.n_nonfinite), BAD},
     {"estimate.refused", AT(estimator.n_refused), BAD},
