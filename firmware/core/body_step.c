@@ -57,7 +57,9 @@ static double explain(const ipe_body_step_t* s, const double std[IPE_NP], double
 {
     double explained = 0.0;
     for (int p = 0; p < IPE_NP; ++p) {
-        for (int q = 0; q <= p; ++q) { A[p][q] = std[p] * s->information[p][q] * std[q] / scale + (p == q ? 1.0 : 0.0); }
+        for (int q = 0; q <= p; ++q) {
+            A[p][q] = std[p] * s->information[p][q] * std[q] / scale + (p == q ? 1.0 : 0.0);
+        }
         x[p] = std[p] * s->projected[p] / scale;
     }
     (void)cholesky(&A[0][0], IPE_NP);  // positive definite: 1 on the diagonal of a sum of squares
@@ -82,12 +84,12 @@ static double length_of_first(const double A[IPE_NP][IPE_NP], const double x[IPE
     return length;
 }
 
-void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale,
-                         ipe_body_step_fit_t* fit)
+void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale, ipe_body_step_fit_t* fit)
 {
     double A[IPE_NP][IPE_NP] = {{0.0}}, x[IPE_NP], penalty = 0.0;
     const double freedom = fmax(IPE_NY * s->n_windows - IPE_NP, IPE_NY / 2.0);
-    fit->misfit = fmax(s->square - explain(s, std, 1.0, A, x), 0.0) / freedom;
+    fit->remaining = fmax(s->square - explain(s, std, 1.0, A, x), 0.0);
+    fit->misfit = fit->remaining / freedom;
     const double explained = explain(s, std, fmax(fit->misfit, scale), A, x);
     for (int p = 0; p < IPE_NP; ++p) {
         penalty += 2.0 * log(A[p][p]);

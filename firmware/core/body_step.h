@@ -26,7 +26,8 @@ typedef struct {
 typedef struct {
     double theta[IPE_NP];         ///< about the IMU
     double log_likelihood_ratio;  ///< of the body with it against that without
-    double misfit;                ///< what remains, over what the noise explains: near 1 where the step explains all
+    double remaining;             ///< Q
+    double misfit;                ///< Q over its degrees of freedom: at most about 1 where the step explains all
     double first_moments;         ///< squared Mahalanobis length of its mass and first moments, 4 degrees of freedom
 } ipe_body_step_fit_t;
 
@@ -40,7 +41,6 @@ bool ipe_body_step_add(ipe_body_step_t* s, const double Y[IPE_NY][IPE_NP], const
 
 /// The best step, with one sigma std [10] of its entries beforehand, > 0, and noise of at least this scale, > 0. Needs a
 /// window.
-void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale,
-                         ipe_body_step_fit_t* fit);
+void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale, ipe_body_step_fit_t* fit);
 
 #endif

@@ -13,17 +13,19 @@
 #define UNKNOWN_NOISE 4.0  // chosen so that declared noise may be too small by a factor of 2 to 6
 #define CALM_WINDOWS 5     // chosen as one more than share an instant
 #define CONTEST_WINDOWS 50  // 5 s at a window of 0.4 s: chosen longer than people lean on a platform
-#define MOVING 0.25        // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
-#define WINDOWS_MIN 2      // chosen so that a change of 20 % is found within 0.6 s
-#define MISFIT_MAX 1.0     // chosen as what the noise explains; payloads leave 0.1 to 0.6, pushes 1 to 1000
+#define MOVING 0.25     // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
+#define WINDOWS_MIN 2   // chosen so that a change of 20 % is found within 0.6 s
+#define MISFIT_MAX 1.0  // chosen as what the noise explains; payloads leave 0.1 to 0.6, pushes 1 to 1000
+#define REMAINING_SHARE 0.05  // of the NIS, beside what noise leaves: chosen over a load's 3 %, under friction's 14 %
+#define FARTHEST 3.0       // rms distances of the attachments that a load is away: chosen so that pushes pass for none
 #define EVIDENCE_MIN 20.0  // of log-likelihood: chosen so that noise reaches it once in 5e8 contests
 #define EVIDENCE 1000.0    // log-likelihood times windows: chosen so that a small step must stay for longer
 #define FIRST_MOMENTS_MIN 40.0  // chi-squared with 4 degrees of freedom exceeds it once in 2e7 contests
-#define LEAST_MASS 0.005   // of the mass: chosen as half of the smallest change to be found
-#define SAME_CHANGE 10     // windows: chosen so that a load that is picked up within 1 s is one change
-#define SHIFT_WINDOWS 30   // a load that only moves on the platform: chosen longer than most pushes,
-#define SHIFT_EVIDENCE 300.0  // and so that friction does not pass for it
-#define SCALES 5           // down to 1/256 of what the cables carry: chosen so that 0.1 % of the mass is among them
+#define LEAST_MASS 0.005        // of the mass: chosen as half of the smallest change to be found
+#define SAME_CHANGE 10          // windows: chosen so that a load that is picked up within 1 s is one change
+#define SHIFT_WINDOWS 30        // a load that only moves on the platform: chosen longer than most pushes,
+#define SHIFT_EVIDENCE 300.0    // and so that friction does not pass for it
+#define SCALES 5  // down to 1/256 of what the cables carry: chosen so that 0.1 % of the mass is among them
 #define SCALE_STEP 4.0
 #define SCALE_SHARE (1.0 / SCALE_STEP)  // of its std that a step must have, so that it is of this scale
 
@@ -94,15 +96,23 @@ static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_wind
     if (fit.misfit > MISFIT_MAX && is_new) { d->step = d->last; }
 }
 
-/// Is the step one of a body that explains far more than noise, if it lasts for n windows?
-static bool is_body(const ipe_body_step_fit_t* fit, const double std[IPE_NP], double mass, int n)
+/// Is the step one of a load: of this scale, no further away than loads are, or of a load that moved on the platform?
+static bool is_load(const ipe_body_step_fit_t* fit, const double std[IPE_NP], double mass, int n)
 {
-    const double moment = vec3_norm(fit->theta + 1), least = LEAST_MASS * mass, evidence = fit->log_likelihood_ratio;
-    const bool is_of_scale = fabs(fit->theta[0]) > SCALE_SHARE * std[0] || moment > SCALE_SHARE * std[1];
-    const bool is_load = fabs(fit->theta[0]) > least;
-    const bool is_shift = moment * std[0] > least * std[1] && n >= SHIFT_WINDOWS && evidence > SHIFT_EVIDENCE;
-    return fit->misfit < MISFIT_MAX && fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN &&
-           evidence * n > EVIDENCE && is_of_scale && (is_load || is_shift);
+    const double m = fabs(fit->theta[0]), arm = std[1] / std[0], moment = vec3_norm(fit->theta + 1) / arm;
+    const bool is_of_scale = fmax(m, moment) > SCALE_SHARE * std[0];
+    const bool is_added = m > LEAST_MASS * mass && moment < FARTHEST * m;
+    const bool is_moved =
+        moment > LEAST_MASS * mass && n >= SHIFT_WINDOWS && fit->log_likelihood_ratio > SHIFT_EVIDENCE;
+    return is_of_scale && (is_added || is_moved);
+}
+
+/// Does the step explain these windows, and far better than none, if it lasts for n windows?
+static bool is_evident(const ipe_body_step_fit_t* fit, const ipe_body_step_t* step, double level, int n)
+{
+    const double evidence = fit->log_likelihood_ratio, noise = level * step->n_windows;
+    return fit->misfit < MISFIT_MAX && fit->remaining < noise + REMAINING_SHARE * step->square &&
+           fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN && evidence * n > EVIDENCE;
 }
 
 /// Loads of all scales are tried: under the prior of a load as heavy as the cables carry, its moments of inertia explain
@@ -115,7 +125,7 @@ static bool is_step(const ipe_change_detector_t* d, const ipe_body_step_t* step,
     memcpy(std, payload_std, sizeof std);
     for (int k = 0; k < SCALES && step->n_windows > 0; ++k) {
         ipe_body_step_solve(step, std, fmax(1.0, d->level), &fit);
-        if (is_body(&fit, std, mass, n)) { return true; }
+        if (is_evident(&fit, step, d->level, n) && is_load(&fit, std, mass, n)) { return true; }
         for (int i = 0; i < IPE_NP; ++i) { std[i] /= SCALE_STEP; }
     }
     return false;

@@ -123,7 +123,8 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
         !ipe_change_detector_is_contested(&e->change_detector)) {
         return IPE_OK;
     }
-    const ipe_change_detector_verdict_t verdict = judge(e, config, H, innovation, (const double (*)[IPE_NY])S);  // innovation -> same payload?
+    const ipe_change_detector_verdict_t verdict =
+        judge(e, config, H, innovation, (const double (*)[IPE_NY])S);  // innovation -> same payload?
     if (verdict == IPE_CHANGE_DETECTOR_HOLD) { return IPE_NOT_READY; }
     if (verdict == IPE_CHANGE_DETECTOR_MISFIT) {
         learn_noise_of_misfit(e, innovation, (const double (*)[IPE_NY])S);
