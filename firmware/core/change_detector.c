@@ -82,6 +82,12 @@ static void learn_level(ipe_change_detector_t* d, double nis)
     d->level += (fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - d->level) / d->n_level;
 }
 
+/// What a step may leave, over what the noise explains.
+static double misfit_limit(double level)
+{
+    return fmax(MISFIT_MAX, DRIFT * level / IPE_NY);
+}
+
 /// The body after, with this window. Anew from it where the load still moves: alone the window is a step of a body, with
 /// those before it is none; and where 5 s of them are none.
 static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double std[IPE_NP])
@@ -93,7 +99,7 @@ static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_wind
     ipe_body_step_solve(&d->last, std, 1.0, &alone);
     ipe_body_step_solve(&d->step, std, 1.0, &fit);
     const bool is_new = alone.misfit < MOVING * fit.misfit || d->step.n_windows >= CONTEST_WINDOWS;
-    if (fit.misfit > MISFIT_MAX && is_new) { d->step = d->last; }
+    if (fit.misfit > misfit_limit(d->level) && is_new) { d->step = d->last; }
 }
 
 /// Is the step one of a load: of this scale, no further away than loads are, or of a load that moved on the platform?
@@ -111,7 +117,7 @@ static bool is_load(const ipe_body_step_fit_t* fit, const double std[IPE_NP], do
 static bool is_evident(const ipe_body_step_fit_t* fit, const ipe_body_step_t* step, double level, int n)
 {
     const double evidence = fit->log_likelihood_ratio, noise = level * step->n_windows;
-    return fit->misfit < MISFIT_MAX && fit->remaining < noise + REMAINING_SHARE * step->square &&
+    return fit->misfit < misfit_limit(level) && fit->remaining < noise + REMAINING_SHARE * step->square &&
            fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN && evidence * n > EVIDENCE;
 }
 
