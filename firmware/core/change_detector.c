@@ -13,13 +13,16 @@
 #define UNKNOWN_NOISE 4.0  // chosen so that declared noise may be too small by a factor of 2 to 6
 #define CALM_WINDOWS 5     // chosen as one more than share an instant
 #define CONTEST_WINDOWS 50  // 5 s at a window of 0.4 s: chosen longer than people lean on a platform
-#define MOVING 0.25     // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
-#define WINDOWS_MIN 2   // chosen so that a change of 20 % is found within 0.6 s
-#define MISFIT_MAX 1.0  // chosen as what the noise explains; payloads leave 0.1 to 0.6, pushes 1 to 1000
+#define MOVING 0.25    // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
+#define WINDOWS_MIN 2  // chosen so that a change of 20 % is found within 0.6 s
+#define MISFIT_MAX \
+    0.5  // chosen over what payloads leave once they are at rest on the platform, 0.3; pushes leave 1 to 1000
 #define REMAINING_SHARE 0.05  // of the NIS, beside what noise leaves: chosen over a load's 3 %, under friction's 14 %
 #define FARTHEST 3.0       // rms distances of the attachments that a load is away: chosen so that pushes pass for none
 #define EVIDENCE_MIN 20.0  // of log-likelihood: chosen so that noise reaches it once in 5e8 contests
 #define EVIDENCE 1000.0    // log-likelihood times windows: chosen so that a small step must stay for longer
+#define SUDDEN_EVIDENCE 2000.0  // of log-likelihood: chosen under that of 5 % of the mass within two windows
+#define LASTING_WINDOWS 6       // with less evidence: chosen longer than the peak of a push, shorter than 1 s
 #define FIRST_MOMENTS_MIN 40.0  // chi-squared with 4 degrees of freedom exceeds it once in 2e7 contests
 #define LEAST_MASS 0.005        // of the mass: chosen as half of the smallest change to be found
 #define SAME_CHANGE 10          // windows: chosen so that a load that is picked up within 1 s is one change
@@ -118,7 +121,8 @@ static bool is_evident(const ipe_body_step_fit_t* fit, const ipe_body_step_t* st
 {
     const double evidence = fit->log_likelihood_ratio, noise = level * step->n_windows;
     return fit->misfit < misfit_limit(level) && fit->remaining < noise + REMAINING_SHARE * step->square &&
-           fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN && evidence * n > EVIDENCE;
+           fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN && evidence * n > EVIDENCE &&
+           (n >= LASTING_WINDOWS || evidence > SUDDEN_EVIDENCE);
 }
 
 /// Loads of all scales are tried: under the prior of a load as heavy as the cables carry, its moments of inertia explain
