@@ -10,7 +10,7 @@
 #define LEVEL_MIN 0.5      // NIS: chosen as the level of overlapping windows whose noise outlasts them, the lowest seen
 #define DRIFT 2.0          // levels: chosen so that noise underrated by a factor of 1.4 raises no suspicion
 #define CUSUM_LIMIT 6.0    // levels: chosen so that 1 % of the mass raises it before the filter has absorbed it
-#define UNKNOWN_NOISE 4.0  // chosen so that declared noise may be too small by a factor of 2 to 6
+#define UNKNOWN_NOISE 4.0  // NIS limits: chosen so that declared noise may be too small by a factor of 2 to 6
 #define CALM_WINDOWS 5     // chosen as one more than share an instant
 #define CONTEST_WINDOWS 50  // 5 s at a window of 0.4 s: chosen longer than people lean on a platform
 #define MOVING 0.25    // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
@@ -67,15 +67,21 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
     return nis;
 }
 
+/// Learnt, or as declared and not too small.
+static bool knows_noise(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
+{
+    return w->is_noise_known || (d->n_level >= LEVEL_WINDOWS && d->level < IPE_NY);
+}
+
 static double restless_nis(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
 {
-    return w->is_noise_known ? DRIFT * fmax(d->level, LEVEL_MIN) : DRIFT * IPE_NY;
+    return knows_noise(d, w) ? DRIFT * fmax(d->level, LEVEL_MIN) : DRIFT * IPE_NY;
 }
 
 static bool is_suspicious(ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
 {
-    const double limit = (w->is_noise_known ? 1.0 : UNKNOWN_NOISE) * IPE_CHANGE_DETECTOR_NIS_LIMIT;
-    d->cusum = w->is_noise_known ? fmax(0.0, d->cusum + w->nis - restless_nis(d, w)) : 0.0;
+    const double limit = (knows_noise(d, w) ? 1.0 : UNKNOWN_NOISE) * IPE_CHANGE_DETECTOR_NIS_LIMIT;
+    d->cusum = knows_noise(d, w) ? fmax(0.0, d->cusum + w->nis - restless_nis(d, w)) : 0.0;
     return w->nis > limit || d->cusum > CUSUM_LIMIT * fmax(d->level, LEVEL_MIN);
 }
 
@@ -92,13 +98,18 @@ static double misfit_limit(double level)
 }
 
 /// The body after, with this window. Anew from it where the load still moves: alone the window is a step of a body, with
-/// those before it is none; and where 5 s of them are none.
+/// those before it is none; and where 5 s of them are none. The states err alike in all windows of a contest: of n windows
+/// their part of the covariance counts n times.
 static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double std[IPE_NP])
 {
     ipe_body_step_fit_t fit, alone;
+    double shared[IPE_NY][IPE_NY];
+    for (int i = 0; i < IPE_NY * IPE_NY; ++i) {
+        shared[i / IPE_NY][i % IPE_NY] = (d->step.n_windows + 1) * w->S[i / IPE_NY][i % IPE_NY];
+    }
     ipe_body_step_start(&d->last);
     if (!ipe_body_step_add(&d->last, w->Y, w->innovation, w->S, w->L)) { return; }
-    (void)ipe_body_step_add(&d->step, w->Y, w->innovation, w->S, w->L);
+    (void)ipe_body_step_add(&d->step, w->Y, w->innovation, (const double (*)[IPE_NY])shared, w->L);
     ipe_body_step_solve(&d->last, std, 1.0, &alone);
     ipe_body_step_solve(&d->step, std, 1.0, &fit);
     const bool is_new = alone.misfit < MOVING * fit.misfit || d->step.n_windows >= CONTEST_WINDOWS;
@@ -161,7 +172,7 @@ static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe
     d->n_restless += !is_calm && d->n_restless < CALM_WINDOWS;
     d->n_calm = is_calm ? d->n_calm + 1 : 0;
     follow_step(d, w, payload_std);
-    if (w->is_noise_known && is_won(d, w, payload_std)) {
+    if (knows_noise(d, w) && is_won(d, w, payload_std)) {
         d->n_changes += d->n_since_change > SAME_CHANGE;
         d->n_since_change = 0;
         ipe_change_detector_restart(d);

@@ -36,7 +36,8 @@ typedef struct {
     const double (*L)[IPE_NY];  ///< factor of the noise's covariance [6][6]
     double nis;                 ///< ipe_change_detector_nis() of these
     double mass;                ///< of the body before, kg
-    bool is_noise_known;        ///< false: L is not learnt yet, a window is suspicious at four times the limit only
+    bool
+        is_noise_known;  ///< L is learnt; if not, and NIS is not small enough, a window is suspicious at four times the limit
 } ipe_change_detector_window_t;
 
 typedef struct {
