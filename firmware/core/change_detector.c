@@ -8,6 +8,7 @@
 #define LEVEL_START 10     // windows that a NIS of 6 counts for at the start: chosen so that 1 s of data outweighs it
 #define LEVEL_WINDOWS 50   // that the level is the mean of: chosen as many as the noise is learnt from before it counts
 #define LEVEL_MIN 0.5      // NIS: chosen as the level of overlapping windows whose noise outlasts them, the lowest seen
+#define LEVEL_SAFE 3.0     // NIS: chosen as half of what honest noise gives
 #define DRIFT 2.0          // levels: chosen so that noise underrated by a factor of 1.4 raises no suspicion
 #define CUSUM_LIMIT 6.0    // levels: chosen so that 1 % of the mass raises it before the filter has absorbed it
 #define UNKNOWN_NOISE 4.0  // NIS limits: chosen so that declared noise may be too small by a factor of 2 to 6
@@ -67,10 +68,10 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
     return nis;
 }
 
-/// Learnt, or as declared and not too small.
+/// Learnt, or as declared and plainly not too small.
 static bool knows_noise(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
 {
-    return w->is_noise_known || (d->n_level >= LEVEL_WINDOWS && d->level < IPE_NY);
+    return w->is_noise_known || (d->n_level >= LEVEL_WINDOWS && d->level < LEVEL_SAFE);
 }
 
 static double restless_nis(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
