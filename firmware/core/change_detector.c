@@ -14,16 +14,20 @@
 #define UNKNOWN_NOISE 4.0  // NIS limits: chosen so that declared noise may be too small by a factor of 2 to 6
 #define CALM_WINDOWS 5     // chosen as one more than share an instant
 #define CONTEST_WINDOWS 50  // 5 s at a window of 0.4 s: chosen longer than people lean on a platform
-#define MOVING 0.25    // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
-#define WINDOWS_MIN 2  // chosen so that a change of 20 % is found within 0.6 s
+#define MOVING 0.25       // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
+#define SUDDEN_WINDOWS 2  // chosen so that a change of 20 % is found within 0.6 s
 #define MISFIT_MAX \
     0.5  // chosen over what payloads leave once they are at rest on the platform, 0.3; pushes leave 1 to 1000
+#define INEXACT 3e-4  // of the NIS: chosen as the square of the columns' errors under a load as heavy as the body
 #define REMAINING_SHARE 0.05  // of the NIS, beside what noise leaves: chosen over a load's 3 %, under friction's 14 %
 #define FARTHEST 3.0       // rms distances of the attachments that a load is away: chosen so that pushes pass for none
 #define EVIDENCE_MIN 20.0  // of log-likelihood: chosen so that noise reaches it once in 5e8 contests
 #define EVIDENCE 1000.0    // log-likelihood times windows: chosen so that a small step must stay for longer
-#define SUDDEN_EVIDENCE 2000.0  // of log-likelihood: chosen under that of 5 % of the mass within two windows
-#define LASTING_WINDOWS 6       // with less evidence: chosen longer than the peak of a push, shorter than 1 s
+#define SUDDEN_EVIDENCE \
+    100.0                  // of log-likelihood, of each of two windows that alone show a step: chosen over most pushes
+#define SUDDEN_MASS \
+    0.025  // of the mass, of such a step: chosen so that 6 %, picked up within 0.5 s, are found in 0.6 s
+#define LASTING_WINDOWS 6       // that show any other step together: chosen longer than the peak of a push, under 1 s
 #define FIRST_MOMENTS_MIN 40.0  // chi-squared with 4 degrees of freedom exceeds it once in 2e7 contests
 #define LEAST_MASS 0.005        // of the mass: chosen as half of the smallest change to be found
 #define SAME_CHANGE 10          // windows: chosen so that a load that is picked up within 1 s is one change
@@ -93,9 +97,9 @@ static void learn_level(ipe_change_detector_t* d, double nis)
 }
 
 /// What a step may leave, over what the noise explains.
-static double misfit_limit(double level)
+static double misfit_limit(const ipe_body_step_t* step, double level)
 {
-    return fmax(MISFIT_MAX, DRIFT * level / IPE_NY);
+    return fmax(MISFIT_MAX, DRIFT * level / IPE_NY) + INEXACT * step->square / step->n_windows;
 }
 
 /// The body after, with this window. Anew from it where the load still moves: alone the window is a step of a body, with
@@ -114,40 +118,44 @@ static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_wind
     ipe_body_step_solve(&d->last, std, 1.0, &alone);
     ipe_body_step_solve(&d->step, std, 1.0, &fit);
     const bool is_new = alone.misfit < MOVING * fit.misfit || d->step.n_windows >= CONTEST_WINDOWS;
-    if (fit.misfit > misfit_limit(d->level) && is_new) { d->step = d->last; }
+    if (fit.misfit > misfit_limit(&d->step, d->level) && is_new) { d->step = d->last; }
 }
 
-/// Is the step one of a load: of this scale, no further away than loads are, or of a load that moved on the platform?
-static bool is_load(const ipe_body_step_fit_t* fit, const double std[IPE_NP], double mass, int n)
+/// What a step has to show.
+typedef struct {
+    double mass;        ///< kg, at least
+    double evidence;    ///< log-likelihood ratio, at least
+    bool may_be_shift;  ///< of a load that only moves on the platform
+} demand_t;
+
+/// Is the step one of a load: of this scale, no further away than loads are?
+static bool is_load(const ipe_body_step_fit_t* fit, const double std[IPE_NP], const demand_t* demand)
 {
     const double m = fabs(fit->theta[0]), arm = std[1] / std[0], moment = vec3_norm(fit->theta + 1) / arm;
     const bool is_of_scale = fmax(m, moment) > SCALE_SHARE * std[0];
-    const bool is_added = m > LEAST_MASS * mass && moment < FARTHEST * m;
-    const bool is_moved =
-        moment > LEAST_MASS * mass && n >= SHIFT_WINDOWS && fit->log_likelihood_ratio > SHIFT_EVIDENCE;
+    const bool is_added = m > demand->mass && moment < FARTHEST * m;
+    const bool is_moved = moment > demand->mass && demand->may_be_shift && fit->log_likelihood_ratio > SHIFT_EVIDENCE;
     return is_of_scale && (is_added || is_moved);
 }
 
-/// Does the step explain these windows, and far better than none, if it lasts for n windows?
-static bool is_evident(const ipe_body_step_fit_t* fit, const ipe_body_step_t* step, double level, int n)
+/// Does the step explain these windows, and far better than none?
+static bool is_evident(const ipe_body_step_fit_t* fit, const ipe_body_step_t* step, double level, double evidence)
 {
-    const double evidence = fit->log_likelihood_ratio, noise = level * step->n_windows;
-    return fit->misfit < misfit_limit(level) && fit->remaining < noise + REMAINING_SHARE * step->square &&
-           fit->first_moments > FIRST_MOMENTS_MIN && evidence > EVIDENCE_MIN && evidence * n > EVIDENCE &&
-           (n >= LASTING_WINDOWS || evidence > SUDDEN_EVIDENCE);
+    return fit->misfit < misfit_limit(step, level) && fit->first_moments > FIRST_MOMENTS_MIN &&
+           fit->remaining < level * step->n_windows + REMAINING_SHARE * step->square &&
+           fit->log_likelihood_ratio > evidence;
 }
 
 /// Loads of all scales are tried: under the prior of a load as heavy as the cables carry, its moments of inertia explain
 /// whatever its mass and first moments do not.
-static bool is_step(const ipe_change_detector_t* d, const ipe_body_step_t* step, const double payload_std[IPE_NP],
-                    double mass, int n)
+static bool is_step(const ipe_body_step_t* step, double level, const double payload_std[IPE_NP], const demand_t* demand)
 {
     double std[IPE_NP];
     ipe_body_step_fit_t fit;
     memcpy(std, payload_std, sizeof std);
     for (int k = 0; k < SCALES && step->n_windows > 0; ++k) {
-        ipe_body_step_solve(step, std, fmax(1.0, d->level), &fit);
-        if (is_evident(&fit, step, d->level, n) && is_load(&fit, std, mass, n)) { return true; }
+        ipe_body_step_solve(step, std, fmax(1.0, level), &fit);
+        if (is_evident(&fit, step, level, demand->evidence) && is_load(&fit, std, demand)) { return true; }
         for (int i = 0; i < IPE_NP; ++i) { std[i] /= SCALE_STEP; }
     }
     return false;
@@ -156,9 +164,12 @@ static bool is_step(const ipe_change_detector_t* d, const ipe_body_step_t* step,
 /// A step that lasts; or one so large that two windows in a row show it, each alone, while the load still moves.
 static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double payload_std[IPE_NP])
 {
-    d->n_steps = is_step(d, &d->last, payload_std, w->mass, WINDOWS_MIN) ? d->n_steps + 1 : 0;
-    return d->n_steps >= WINDOWS_MIN ||
-           (d->step.n_windows >= WINDOWS_MIN && is_step(d, &d->step, payload_std, w->mass, d->step.n_windows));
+    const int n = d->step.n_windows;
+    const demand_t sudden = {.mass = SUDDEN_MASS * w->mass, .evidence = SUDDEN_EVIDENCE};
+    const demand_t lasting = {
+        .mass = LEAST_MASS * w->mass, .evidence = fmax(EVIDENCE_MIN, EVIDENCE / n), .may_be_shift = n >= SHIFT_WINDOWS};
+    d->n_steps = is_step(&d->last, d->level, payload_std, &sudden) ? d->n_steps + 1 : 0;
+    return d->n_steps >= SUDDEN_WINDOWS || (n >= LASTING_WINDOWS && is_step(&d->step, d->level, payload_std, &lasting));
 }
 
 static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
