@@ -88,6 +88,7 @@ typedef struct {
     int n_facts_ticks;                       ///< until HOST is sent again
     int n_ticks;                             ///< since the last checkpoint
     uint64_t n_changes_reported;             ///< payload changes
+    bool is_misfit_reported;
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];
 } daemon_t;

@@ -185,7 +185,7 @@ static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe
     d->n_calm = is_calm ? d->n_calm + 1 : 0;
     follow_step(d, w, payload_std);
     if (knows_noise(d, w) && is_won(d, w, payload_std)) {
-        d->n_changes += d->n_since_change > SAME_CHANGE;
+        ++d->n_changes;
         d->n_since_change = 0;
         ipe_change_detector_restart(d);
         return IPE_CHANGE_DETECTOR_CHANGE;
@@ -207,7 +207,12 @@ ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d,
 {
     if (isnan(w->nis)) { return IPE_CHANGE_DETECTOR_USE; }
     d->n_since_change += d->n_since_change <= SAME_CHANGE;
-    if (d->n_contest > 0 || is_suspicious(d, w)) { return compete(d, w, payload_std); }
+    const bool is_suspected = d->n_contest == 0 && is_suspicious(d, w);
+    if (is_suspected && d->n_since_change <= SAME_CHANGE) {
+        d->cusum = 0.0;
+        return IPE_CHANGE_DETECTOR_CHANGE;
+    }
+    if (is_suspected || d->n_contest > 0) { return compete(d, w, payload_std); }
     learn_level(d, w->nis);
     return IPE_CHANGE_DETECTOR_USE;
 }

@@ -8,7 +8,8 @@
 ///              the caller loosens the parameters
 ///   rejected   the body before explains the windows again, as many in a row as it did not, at most 5
 ///   misfit     neither did for 5 s: the contest goes on, the caller learns the noise and marks the estimate
-/// While the load moves, the body after begins anew with each window. A push or friction is no step of a body: a body
+/// While the load moves, the body after begins anew with each window; within a second of a change, a suspicion is the same
+/// change going on: the parameters are loosened again at once. A push or friction is no step of a body: a body
 /// explains one of the three components of force and two of the moment's, and explains them window after window.
 /// Source: firmware/DESIGN.md, "Change"; Page, Biometrika 41, 1954. 1 KB of state, 10 ns, in a contest 20 us; one thread.
 #ifndef IPE_CHANGE_DETECTOR_H

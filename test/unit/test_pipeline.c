@@ -206,6 +206,87 @@ static void test_step_payload_picked_up_is_noticed_and_followed(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, loaded[3] / loaded[0], pipeline.estimator.estimate.body.cog[2]);
 }
 
+/// The sample of the motion at k while somebody pushes the platform at its CoG: force [3], P axes, N.
+static ideal_t pushed_at(int k, const double force[3])
+{
+    const double zero[3] = {0.0};
+    double R[3][3], s[3], pushed[8], alone[8];
+    ideal_t x = sample[k];
+    mat3_from_quat(x.q, R);
+    for (int i = 0; i < 3; ++i) { s[i] = -force[i] / truth[0]; }
+    tensions(&config, x.position, R, s, zero, zero, truth, pushed);
+    tensions(&config, x.position, R, zero, zero, zero, truth, alone);
+    for (int i = 0; i < 8; ++i) { x.f[i] += pushed[i] - alone[i]; }
+    return x;
+}
+
+/// Samples from first to end, pushed from t to t + duration [samples] by a half sine squared of this force.
+static void run_pushed(int first, int end, int start, int duration, const double force[3])
+{
+    for (int k = first; k < end; ++k) {
+        const bool is_pushed = k >= start && k < start + duration;
+        const double share = is_pushed ? pow(sin(3.14159265358979 * (k - start) / duration), 2.0) : 0.0;
+        const double now[3] = {share * force[0], share * force[1], share * force[2]};
+        const ideal_t x = pushed_at(k, now);
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+    }
+}
+
+static void test_step_push_leaves_the_estimate_alone(void)
+{
+    const double force[3] = {60.0, -40.0, 20.0};
+    run_pushed(0, N_SAMPLES, 12000, 1500, force);             // given, when: 1.5 s
+    const ipe_body_t* b = &pipeline.estimator.estimate.body;  // then
+    TEST_ASSERT_EQUAL_UINT64(0, counter("detect.changes") + counter("detect.misfit"));
+    TEST_ASSERT_EQUAL_UINT64(1, counter("detect.rejected"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 161.058, b->mass);
+    TEST_ASSERT_DOUBLE_WITHIN(0.3, 94.955, b->inertia_cog[0]);
+}
+
+static void test_step_force_that_stays_holds_and_marks_the_estimate_until_it_ends(void)
+{
+    const double force[3] = {60.0, -40.0, 20.0};
+    run_pushed(0, 10000, 0, 0, force);
+    const ipe_estimate_t before = pipeline.estimator.estimate;
+    for (int k = 10000; k < 17000; ++k) {  // given: 7 s
+        const ideal_t x = pushed_at(k, force);
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+    }
+    const ipe_estimate_t held = pipeline.estimator.estimate;  // then
+    TEST_ASSERT_FALSE(before.is_misfit);
+    TEST_ASSERT_TRUE(held.is_misfit);
+    TEST_ASSERT_GREATER_THAN_INT64(before.t_ns + 6000 * MS, held.t_ns);
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, before.body.mass, held.body.mass);
+    TEST_ASSERT_TRUE(held.body.mass_std > 1.5 * before.body.mass_std);
+    for (int k = 17000; k < N_SAMPLES; ++k) {
+        push_sample(&pipeline, k);
+        (void)drain(&pipeline);
+    }
+    TEST_ASSERT_FALSE(pipeline.estimator.estimate.is_misfit);
+    TEST_ASSERT_EQUAL_UINT64(0, counter("detect.changes"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 161.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_contest_ends_with_a_freeze_a_reset_and_a_restart(void)
+{
+    const double force[3] = {60.0, -40.0, 20.0};
+    run_pushed(0, 11000, 10000, 2000, force);
+    ipe_change_detector_t* d = &pipeline.estimator.change_detector;
+    TEST_ASSERT_TRUE(ipe_change_detector_is_contested(d));                          // given
+    init(&other);
+    ipe_pipeline_continue(&other, &pipeline.estimator, pipeline.config.gyro_bias);  // when, then
+    TEST_ASSERT_FALSE(ipe_change_detector_is_contested(&other.estimator.change_detector));
+    ipe_pipeline_freeze(&pipeline, true);
+    TEST_ASSERT_FALSE(ipe_change_detector_is_contested(d));
+    ipe_pipeline_freeze(&pipeline, false);
+    run_pushed(11000, 12000, 10000, 3000, force);
+    TEST_ASSERT_TRUE(ipe_change_detector_is_contested(d));
+    ipe_pipeline_reset(&pipeline);
+    TEST_ASSERT_FALSE(ipe_change_detector_is_contested(d));
+}
+
 static void test_step_rest_does_not_wear_the_estimate(void)
 {
     config.memory = 600.0;  // given: identified, and older data count less
@@ -618,6 +699,9 @@ int main(void)
     RUN_TEST(test_step_ideal_sensors_find_the_body);
     RUN_TEST(test_step_slow_forces_and_position_still_find_the_body);
     RUN_TEST(test_step_payload_picked_up_is_noticed_and_followed);
+    RUN_TEST(test_step_push_leaves_the_estimate_alone);
+    RUN_TEST(test_step_force_that_stays_holds_and_marks_the_estimate_until_it_ends);
+    RUN_TEST(test_contest_ends_with_a_freeze_a_reset_and_a_restart);
     RUN_TEST(test_step_rest_does_not_wear_the_estimate);
     RUN_TEST(test_step_payload_laid_on_at_rest_is_noticed_and_weighed);
     RUN_TEST(test_freeze_keeps_the_estimate_until_it_is_lifted);
