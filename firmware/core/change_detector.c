@@ -18,9 +18,9 @@
 #define SUDDEN_WINDOWS 2  // chosen so that a change of 20 % is found within 0.6 s
 #define MISFIT_MAX \
     0.5  // chosen over what payloads leave once they are at rest on the platform, 0.3; pushes leave 1 to 1000
-#define INEXACT 3e-4  // of the NIS: chosen as the square of the columns' errors under a load as heavy as the body
-#define REMAINING_SHARE 0.05  // of the NIS, beside what noise leaves: chosen over a load's 3 %, under friction's 14 %
-#define FARTHEST 3.0       // rms distances of the attachments that a load is away: chosen so that pushes pass for none
+#define INEXACT 1e-4  // of the NIS: chosen as the square of the columns' errors under a load as heavy as the body
+#define REMAINING_SHARE 0.03  // of the NIS, beside what noise leaves: chosen over a load's 3 %, under friction's 14 %
+#define FARTHEST 2.0       // rms distances of the attachments that a load is away: chosen so that pushes pass for none
 #define EVIDENCE_MIN 20.0  // of log-likelihood: chosen so that noise reaches it once in 5e8 contests
 #define EVIDENCE 1000.0    // log-likelihood times windows: chosen so that a small step must stay for longer
 #define SUDDEN_EVIDENCE \
@@ -132,10 +132,13 @@ typedef struct {
 static bool is_load(const ipe_body_step_fit_t* fit, const double std[IPE_NP], const demand_t* demand)
 {
     const double m = fabs(fit->theta[0]), arm = std[1] / std[0], moment = vec3_norm(fit->theta + 1) / arm;
-    const bool is_of_scale = fmax(m, moment) > SCALE_SHARE * std[0];
-    const bool is_added = m > demand->mass && moment < FARTHEST * m;
-    const bool is_moved = moment > demand->mass && demand->may_be_shift && fit->log_likelihood_ratio > SHIFT_EVIDENCE;
-    return is_of_scale && (is_added || is_moved);
+    double inertia = 0.0;  // as the mass that has it at the attachments' distance
+    for (int i = 4; i < IPE_NP; ++i) { inertia = fmax(inertia, fabs(fit->theta[i]) / std[i] * std[0]); }
+    const bool is_added =
+        m > fmax(demand->mass, SCALE_SHARE * std[0]) && moment < FARTHEST * m && inertia < FARTHEST * FARTHEST * m;
+    const bool is_moved = moment > fmax(demand->mass, SCALE_SHARE * std[0]) && demand->may_be_shift &&
+                          fit->log_likelihood_ratio > SHIFT_EVIDENCE;
+    return is_added || is_moved;
 }
 
 /// Does the step explain these windows, and far better than none?
