@@ -164,15 +164,18 @@ static bool is_step(const ipe_body_step_t* step, double level, const double payl
     return false;
 }
 
-/// A step that lasts; or one so large that two windows in a row show it, each alone, while the load still moves.
+/// A step that lasts; or one so large that two windows in a row show it, each alone, while the load still moves. In a misfit
+/// the noise is learnt from a disturbance, so one window shows nothing, and a step has to last for longer.
 static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double payload_std[IPE_NP])
 {
     const int n = d->step.n_windows;
     const demand_t sudden = {.mass = SUDDEN_MASS * w->mass, .evidence = SUDDEN_EVIDENCE};
     const demand_t lasting = {
         .mass = LEAST_MASS * w->mass, .evidence = fmax(EVIDENCE_MIN, EVIDENCE / n), .may_be_shift = n >= SHIFT_WINDOWS};
-    d->n_steps = is_step(&d->last, d->level, payload_std, &sudden) ? d->n_steps + 1 : 0;
-    return d->n_steps >= SUDDEN_WINDOWS || (n >= LASTING_WINDOWS && is_step(&d->step, d->level, payload_std, &lasting));
+    const int least = ipe_change_detector_is_misfit(d) ? SHIFT_WINDOWS : LASTING_WINDOWS;
+    const bool is_sudden = !ipe_change_detector_is_misfit(d) && is_step(&d->last, d->level, payload_std, &sudden);
+    d->n_steps = is_sudden ? d->n_steps + 1 : 0;
+    return d->n_steps >= SUDDEN_WINDOWS || (n >= least && is_step(&d->step, d->level, payload_std, &lasting));
 }
 
 static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,

@@ -212,7 +212,7 @@ static void test_push_load_laid_on_during_a_misfit_is_found_when_that_ends(void)
     load_at(20.0, at, load);
     for (int k = 0; k < 80; ++k) { (void)window(k < 60 ? NO_LOAD : load, lean); }  // given
     TEST_ASSERT_EQUAL_UINT64(0, detect.n_changes);
-    TEST_ASSERT_LESS_THAN_INT(30, windows_until_change(load, 30));                 // when, then
+    TEST_ASSERT_LESS_THAN_INT(90, windows_until_change(load, 90));                 // when, then
 }
 
 static void test_push_friction_that_reverses_is_no_change(void)
@@ -248,7 +248,7 @@ static void test_push_nothing_is_announced_before_the_noise_is_known(void)
     for (int k = 0; k < 50; ++k) { TEST_ASSERT_EQUAL_INT(IPE_CHANGE_DETECTOR_HOLD, window(load, NO_PUSH)); }
     TEST_ASSERT_EQUAL_INT(IPE_CHANGE_DETECTOR_MISFIT, window(load, NO_PUSH));  // so that it is learnt
     is_noise_known = true;
-    TEST_ASSERT_LESS_THAN_INT(5, windows_until_change(load, 5));
+    TEST_ASSERT_LESS_THAN_INT(40, windows_until_change(load, 40));
 }
 
 static void test_restart_ends_the_contest_undecided(void)
