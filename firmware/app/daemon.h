@@ -90,6 +90,7 @@ typedef struct {
     int n_ticks;                             ///< since the last checkpoint
     uint64_t n_changes_reported;             ///< payload changes
     double force_delay_reported;             ///< s
+    bool is_misfit_reported;
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];
 } daemon_t;

@@ -207,6 +207,18 @@ static void report_force_delay(daemon_t* d)
         1e3 * delay, d->config.delay[IPE_FORCE] + delay);
 }
 
+static void report_misfit(daemon_t* d)
+{
+    const bool is_misfit = ipe_change_detector_is_misfit(&d->pipeline->estimator.change_detector);
+    if (is_misfit == d->is_misfit_reported) { return; }
+    d->is_misfit_reported = is_misfit;
+    ipe_publish_event(&d->publisher, d->last_row_ns, "detect",
+                      is_misfit
+                          ? "no payload explains the forces of the last 5 s: the estimate is held, its sigmas are "
+                            "wider; look for a push, a slack cable or a broken sensor"
+                          : "the forces fit again: the estimate goes on");
+}
+
 /// Once a second of data time; not at the first call, when there is nothing to compare with.
 static void check_second(daemon_t* d, int64_t t_ns)
 {
@@ -225,6 +237,7 @@ void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
     report_change(d);
     report_force_delay(d);
+    report_misfit(d);
     check_second(d, frame->t_ns);
     check_sensors(d, frame->t_ns);
 }
@@ -282,5 +295,6 @@ void monitor_second(daemon_t* d)
 void monitor_end(daemon_t* d)
 {
     report_change(d);
+    report_misfit(d);
     report_losses(d);
 }

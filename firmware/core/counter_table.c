@@ -97,6 +97,8 @@ static const ipe_counter_t COUNTER[] = {
     {"window.backwards", AT(window.n_backwards), REJECTED | BAD},
     {"detect.held", AT(estimator.change_detector.n_held), 0},
     {"detect.changes", AT(estimator.change_detector.n_changes), 0},
+    {"detect.rejected", AT(estimator.change_detector.n_rejected), 0},
+    {"detect.misfit", AT(estimator.change_detector.n_misfit), 0},
     {"rls.weighted", AT(estimator.n_weighted), 0},
     {"rls.unknown_force", AT(estimator.n_unknown_force), 0},
     {"rls.updates", AT(estimator.rls.n_updates), 0},

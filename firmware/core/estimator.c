@@ -43,7 +43,6 @@ void ipe_estimator_reset(ipe_estimator_t* e, const ipe_config_t* config)
 void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from)
 {
     *e = *from;
-    e->change_detector.n_outstanding = 0;
     ipe_pose_dwell_restart(&e->pose_dwell);
     ipe_estimator_restart_windows(e);
 }
@@ -51,6 +50,7 @@ void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from)
 void ipe_estimator_restart_windows(ipe_estimator_t* e)
 {
     ipe_noise_restart(&e->noise);
+    ipe_change_detector_restart(&e->change_detector);
 }
 
 void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
@@ -113,11 +113,22 @@ ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t
     return IPE_OK;
 }
 
-/// Use the window, hold it back, or take it as a change of payload. Until the noise is known, every window is used.
-static ipe_change_detector_verdict_t judge(ipe_estimator_t* e)
+/// Use the window, hold it back, or take it as a change of payload.
+static ipe_change_detector_verdict_t judge(ipe_estimator_t* e, const ipe_config_t* config, const double* H,
+                                           const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
+                                           const double L[IPE_NY][IPE_NY])
 {
-    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_CHANGE_DETECTOR_USE; }
-    return ipe_change_detector_push(&e->change_detector, e->nis);
+    double Y[IPE_NY][IPE_NP], payload_std[IPE_NP];
+    for (int i = 0; i < IPE_NY; ++i) { memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]); }
+    ipe_prior_payload_std(config, payload_std);
+    const ipe_change_detector_window_t window = {.Y = (const double (*)[IPE_NP])Y,
+                                                 .innovation = innovation,
+                                                 .S = S,
+                                                 .L = L,
+                                                 .nis = e->nis,
+                                                 .mass = e->rls.x[0],
+                                                 .is_noise_known = e->noise.n_summed >= LEARNING_WINDOWS};
+    return ipe_change_detector_push(&e->change_detector, &window, payload_std);
 }
 
 /// A window that stands out counts for less, as if its noise were larger (Huber 1964).
@@ -150,6 +161,15 @@ static void loosen_theta(ipe_estimator_t* e, const ipe_config_t* config)
     ipe_pose_dwell_restart(&e->pose_dwell);
 }
 
+/// Neither body explains the window: the noise is larger than learnt, but one window says only so much about it.
+static void learn_noise_of_misfit(ipe_estimator_t* e, const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
+{
+    double clipped[IPE_NY];
+    const double share = sqrt(fmin(1.0, IPE_CHANGE_DETECTOR_NIS_LIMIT / e->nis));
+    for (int i = 0; i < IPE_NY; ++i) { clipped[i] = share * innovation[i]; }
+    ipe_noise_push(&e->noise, clipped, S);
+}
+
 /// Forget over the time `hop` [s] of an excited window; at rest nothing would replace what is forgotten.
 static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 {
@@ -178,9 +198,17 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     status = ipe_unknown_force_take_out(&u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
     if (status != IPE_OK) { return status; }
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
-    if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT)) { return IPE_OK; }
-    const ipe_change_detector_verdict_t verdict = judge(e);  // innovation -> same payload?
+    if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT) &&
+        !ipe_change_detector_is_contested(&e->change_detector)) {
+        return IPE_OK;
+    }
+    const ipe_change_detector_verdict_t verdict = judge(e, config, H, innovation, (const double (*)[IPE_NY])S,
+                                                        (const double (*)[IPE_NY])L);  // innovation -> same payload?
     if (verdict == IPE_CHANGE_DETECTOR_HOLD) { return IPE_NOT_READY; }
+    if (verdict == IPE_CHANGE_DETECTOR_MISFIT) {
+        learn_noise_of_misfit(e, innovation, (const double (*)[IPE_NY])S);
+        return IPE_OK;
+    }
     if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_theta(e, config); }
     if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
     ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_XI_MAX])X, average->f, innovation,
@@ -219,6 +247,8 @@ void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config
     memset(solution, 0, sizeof *solution);
     memcpy(solution->theta, e->rls.x, sizeof solution->theta);
     ipe_rls_covariance(&e->rls, IPE_NP, &solution->covariance[0][0]);
+    const double inflation = ipe_change_detector_inflation(&e->change_detector);
+    for (int i = 0; i < IPE_NP * IPE_NP; ++i) { solution->covariance[i / IPE_NP][i % IPE_NP] *= inflation; }
     ipe_prior_at_imu(config, solution->prior_theta, solution->prior_covariance);
     ipe_eiv_correction_information(&e->eiv_correction, e->noise.L, ipe_noise_level(&e->noise), solution->spurious);
     solution->std_geometry = config->std_geometry;
@@ -240,7 +270,8 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
                             .n_windows = e->rls.n_updates,
                             .n_rows = e->n_rows,
                             .nis = e->nis,
-                            .n_changes = e->change_detector.n_changes};
+                            .n_changes = e->change_detector.n_changes,
+                            .is_misfit = ipe_change_detector_is_misfit(&e->change_detector)};
     ipe_estimator_solution(e, config, &solution);
     ipe_estimate_prior_body(config, &prior);
     const ipe_status_t status = ipe_estimate_publish(config, &solution, &prior, NULL, &found);

@@ -257,7 +257,8 @@ static bool send_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t
     inertiad_lcm_estimate_t message = {.sequence = p->sequence[IPE_PUBLISH_ESTIMATE],
                                        .n_dropped = (int64_t)p->n_input_dropped,
                                        .systematic_name = p->systematic_names,
-                                       .verdict = INERTIAD_LCM_ESTIMATE_T_UNKNOWN};
+                                       .verdict = estimate->is_misfit ? INERTIAD_LCM_ESTIMATE_T_CARE
+                                                                      : INERTIAD_LCM_ESTIMATE_T_UNKNOWN};
     copy_estimate(&message, estimate);
     return send(p, IPE_PUBLISH_ESTIMATE, now_ns,
                 inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
