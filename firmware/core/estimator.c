@@ -197,6 +197,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (status != IPE_OK) { return status; }
     status = ipe_unknown_force_take_out(&u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
     if (status != IPE_OK) { return status; }
+    e->n_unknown_force += u.n > 0;
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
     if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT) &&
         !ipe_change_detector_is_contested(&e->change_detector)) {
@@ -216,7 +217,6 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (verdict == IPE_CHANGE_DETECTOR_USE) { weigh(e, L); }
     status = ipe_rls_update(&e->rls, H, y, (const double (*)[IPE_NY])L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
-    e->n_unknown_force += u.n > 0;
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) { learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S); }
     if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }

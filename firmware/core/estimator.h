@@ -38,7 +38,7 @@ typedef struct {
     double restored[IPE_CABLES_MAX];      ///< last most probable reading of each failed sensor, N
     int64_t restored_ns[IPE_CABLES_MAX];  ///< middle of its window
     uint64_t n_weighted;                  ///< windows that counted for less because they stood out
-    uint64_t n_unknown_force;             ///< windows used with a cable's force unknown
+    uint64_t n_unknown_force;             ///< windows with a force unknown
     uint64_t n_rows;                      ///< rows the windows were made of, counted by the caller
     uint64_t n_refused;                   ///< estimates not published because a value was not finite
     ipe_estimate_t estimate;              ///< as last published; n_windows 0: none yet
