@@ -100,17 +100,21 @@ def test_the_file_takes_what_was_found_into_the_configuration(tmp_path: Path, re
 
 
 def test_the_platform_is_better_with_the_file(recordings: list[Recording]) -> None:
+    """In the sum over six runs of one installation; a single one is at the noise."""
     found = _calibrated(recordings, {recordings[2].path: 20.0})
-    folder = scenes.run(2500, "modern", 100.0, "fourier", 300.0, errors_of=1000)
     told = description.Calibration.model_validate(calibrate.document(found))
-    own = description.load(folder / "robot.toml").model_copy(update={"nominal": None})
-    true, error = scenes.truth(folder), []
-    for robot in (own, own.model_copy(update={"calibration": told})):
-        e = scenes.platform(folder, robot).estimate
-        error.append(scenes.scaled(np.array([e["mass"], *e["cog"], *e["inertia_cog"]]) - true, true))
-    assert error[1][0] < 0.5
-    assert (error[1][4:] < 1.5).all()
-    assert error[1].sum() < error[0].sum()
+    total = np.zeros(2)
+    for seed in range(2500, 2506):
+        folder = scenes.run(seed, "modern", 100.0, "fourier", 300.0, errors_of=1000)
+        own = description.load(folder / "robot.toml").model_copy(update={"nominal": None})
+        true, error = scenes.truth(folder), []
+        for robot in (own, own.model_copy(update={"calibration": told})):
+            e = scenes.platform(folder, robot).estimate
+            error.append(scenes.scaled(np.array([e["mass"], *e["cog"], *e["inertia_cog"]]) - true, true))
+        assert error[1][0] < 0.5
+        assert (error[1][4:] < 1.5).all()
+        total += [error[0].sum(), error[1].sum()]
+    assert total[1] < 0.9 * total[0]
 
 
 @pytest.mark.parametrize("option", ["run", "run=", "run=-1", "run=nan", "other=20"])
