@@ -5,7 +5,7 @@
 ///   update    equations -> innovation -> static? other payload? -> forget -> rows into the filter -> noise
 ///   publish   theta, P -> estimate                                                 estimate.h
 /// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta
-/// to what the robot can carry. The noise that whitens the equations is the innovations' own long-run covariance.
+/// to what the robot can carry; while it is only suspected the windows are held back, change_detector.h. The noise that whitens the equations is the innovations' own long-run covariance.
 /// The daemon's pipeline and the host's rehearsal of a planned motion run this same cycle. Everything it has learnt is in
 /// ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
 /// Source: firmware/DESIGN.md, "Filter". 14 KB of state, 90 us per window of 8 cables, no heap, one thread.
@@ -66,8 +66,8 @@ ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t
 
 /// Update the states with a window's equations.
 ///
-/// IPE_OK         used, or only monitored because the pose at rest is known
-/// IPE_NOT_READY  held back as an outlier
+/// IPE_OK         used, or only monitored because the pose at rest is known, or held back in a misfit: publish, it is marked
+/// IPE_NOT_READY  held back: a change of payload is suspected
 /// IPE_ERR_*      refused: a cable has no direction, or a value is not finite (counted); the states are as predicted
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average);
 
