@@ -2,12 +2,17 @@
 /// Batch identification: theta of one or more bodies and, if wanted, the systematic parameters xi of the sensors they share.
 ///
 ///   y(xi) - Y(xi) theta_g = e,   e ~ N(0, V_run);   theta_g ~ N(theta_0, P_0),  xi ~ N(0, diag(std^2))
-/// Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is exact, and
-/// takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that leave no
-/// residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and the body
-/// with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). Steps are solved by QR of
-/// the whitened, prior-scaled rows. What of the motion was derived instead of measured is smoothed for Y, X (derived.hpp). V_run, the residuals' long-run covariance (Newey, West 1987; noise.h has the idea), is
-/// renewed during the first steps.
+/// Damped Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is
+/// exact, and takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that
+/// leave no residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and
+/// the body with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). What of the motion
+/// was derived instead of measured is smoothed for Y and X (derived.hpp).
+/// Steps are solved by QR of the whitened, prior-scaled rows (least_squares.hpp). The first one moves theta alone. A step is
+/// taken if the cost falls, or if the next step, in the present metric, is shorter (the natural level function of Deuflhard,
+/// Newton Methods for Nonlinear Problems, 3.3: an instrument-like derivative has no cost whose minimum it leads to); else it
+/// is damped more. V_run, the residuals' long-run covariance (long_run.hpp), starts from the residuals of theta alone, which
+/// are the widest, and is renewed until it stays. Converged: weights at rest, the next undamped step below 0.001 posterior
+/// sigmas of every unknown.
 /// As soon as xi is estimated two more errors are modelled: where the attachments really are, known to std_geometry, is
 /// unknown too, else a millimetre of it would pass for newtons of offset; and the attitude wanders about its bias, see
 /// filter_states.h: a Kalman filter of that alone takes it out of the rows, which then are as independent as their noise. Known
@@ -18,6 +23,8 @@
 #include "body.hpp"
 #include "calibrated.hpp"
 #include "derived.hpp"
+#include "least_squares.hpp"
+#include "long_run.hpp"
 #include "windows.hpp"
 
 extern "C" {
@@ -26,10 +33,11 @@ extern "C" {
 }
 
 #include <Eigen/Cholesky>
-#include <Eigen/QR>
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -48,8 +56,8 @@ struct BatchSettings {
     bool is_payload_known = false;  ///< mass differences between groups are data
     std::vector<bool> is_free;      ///< of each xi; empty: all
     double theta_prior = 1.0;       ///< factor on the prior sigmas of theta
-    int n_weight_steps = 4;         ///< steps after which V_run is left alone; 0: the configured covariance holds
-    int n_steps_max = 20;
+    bool is_weight_learnt = true;   ///< V_run from the residuals; false: the configured covariance holds
+    int n_steps_max = 40;
 };
 
 /// What a group's data say about its body, about P.
@@ -68,6 +76,17 @@ struct BatchFit {
     std::size_t n_rows, n_windows, n_rest;
     Vector6 rms;        ///< of the windows' residual, N, N m
     Vector6 noise_std;  ///< root of the diagonal of V_run
+    double correlation_time;  ///< s: long-run variance over variance, in windows' steps; of the worst channel
+    double n_lags;            ///< bandwidth of the long-run variance, windows
+};
+
+/// What a stretch of a run contributes to the equations at the solution, scaled by prior sigmas.
+struct BatchBlock {
+    int run;
+    double begin, end;      ///< s since the run's first row: middle of the first and the last window
+    std::size_t n_windows;
+    Eigen::MatrixXd H;      ///< A^T A [n][n]
+    Eigen::VectorXd g;      ///< A^T b [n]
 };
 
 struct BatchResult {
@@ -78,18 +97,26 @@ struct BatchResult {
     Eigen::MatrixXd P;            ///< published covariance of all theta (about the IMU), the free xi, the attachments
     Eigen::VectorXd prior_std;    ///< of the same unknowns
     std::vector<int> free;        ///< indices of the free xi
+    std::vector<BatchBlock> block;  ///< all windows, in order
+    Eigen::MatrixXd H_prior;      ///< of priors, known mass differences and gyro means; scaled as the blocks
     int n_steps;
-    double last_step;             ///< largest change of the last step in posterior sigmas
+    double last_step;             ///< largest change of the next step in posterior sigmas
+    bool is_converged;
+    std::string refused;          ///< why the last trial step was refused by the configuration's ranges; empty: it was not
 };
 
 namespace detail {
 
-constexpr int LAGS = 25;
 constexpr double PRIOR_WINDOWS = 3.0;
 constexpr double LEAST_NOISE = 0.1;  // of the innovations' variance, whatever of it wander explains
 constexpr double CONVERGED = 1e-3;   // sigmas
 constexpr double SMALLEST_STD = 1e-12;
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s
+constexpr double WEIGHT_SETTLED = 0.02;  // relative change of V_run's standard deviations
+constexpr int WEIGHT_STEPS_MAX = 8;
+constexpr double DAMPING_FIRST = 1e-3, DAMPING_LEAST = 1e-7, DAMPING_MAX = 1e8;
+constexpr double BLOCK_LENGTH = 1.0;  // s, at least
+constexpr int BLOCKS_MAX = 48;        // of a run
 
 using Square6 = Eigen::Matrix<double, 6, 6>;
 using Column6 = Eigen::Matrix<double, 6, 1>;
@@ -136,34 +163,15 @@ inline Linearised linearise(const Config& config, const Config& corrected, const
     return {windows_of(corrected, corrected_rows(config, corrected, xi, *run.rows, run.derived)), {}};
 }
 
-/// Long-run second moment of a series of vectors, Bartlett weights, products across gaps left out; a sum over windows.
-template <int N>
-Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& window,
-                                         const std::vector<Eigen::Matrix<double, N, 1>>& e)
-{
-    Eigen::Matrix<double, N, N> sum = Eigen::Matrix<double, N, N>::Zero();
-    for (std::size_t k = 0; k < e.size(); ++k) {
-        Eigen::Matrix<double, N, 1> past = 0.5 * e[k];
-        for (std::size_t lag = 1; lag <= std::min<std::size_t>(LAGS, k); ++lag) {
-            if (!follows(window, k, lag)) { break; }
-            past += (1.0 - static_cast<double>(lag) / (LAGS + 1)) * e[k - lag];
-        }
-        sum += e[k] * past.transpose() + past * e[k].transpose();
-    }
-    return sum;
-}
-
-/// V_run from the innovations, the part of their variance that wander explains [6], as a sum, and, counting for 3 windows,
-/// the configured covariance.
-inline Square6 run_covariance(const Config& config, const std::vector<ipe_average_t>& window,
-                              const std::vector<Column6>& e, const Column6& explained)
+/// V_run from the innovations' long-run sum, the part of their variance that wander explains [6], as a sum, and, counting
+/// for 3 windows, the configured covariance.
+inline Square6 run_covariance(const Config& config, const Square6& sum, std::size_t n_windows, const Column6& explained)
 {
     const Square6 C = Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]);
-    const Square6 sum = long_run_sum<6>(window, e);
     Square6 V = C;
     for (int i = 0; i < 6; ++i) {
         const double left = std::max({sum(i, i) - explained[i], LEAST_NOISE * sum(i, i), 0.0});
-        const double learnt = (PRIOR_WINDOWS * C(i, i) + left) / (PRIOR_WINDOWS + static_cast<double>(e.size()));
+        const double learnt = (PRIOR_WINDOWS * C(i, i) + left) / (PRIOR_WINDOWS + static_cast<double>(n_windows));
         const double scale = std::sqrt(std::max(learnt / C(i, i), 1e-4));
         V.row(i) *= scale;
         V.col(i) *= scale;
@@ -228,34 +236,6 @@ private:
     int64_t t_ns_ = 0;
     Eigen::Matrix3d P_ = Eigen::Matrix3d::Zero();
     Eigen::MatrixXd estimate_;
-};
-
-/// Rows of a least-squares problem, kept as the triangle of their QR factors: any number of rows in little memory.
-class Triangle {
-public:
-    explicit Triangle(Eigen::Index n) : n_(n), R_(Eigen::MatrixXd::Zero(n + 1, n + 1)) {}
-    /// Fold in rows [A, b] of unit variance.
-    void add(const Eigen::MatrixXd& Ab)
-    {
-        Eigen::MatrixXd stacked(R_.rows() + Ab.rows(), n_ + 1);
-        stacked << R_, Ab;
-        const Eigen::HouseholderQR<Eigen::Ref<Eigen::MatrixXd>> qr(stacked);
-        R_ = stacked.topRows(n_ + 1).template triangularView<Eigen::Upper>();
-    }
-    Eigen::VectorXd solve() const { return factor().solve(R_.col(n_).head(n_)); }
-    Eigen::MatrixXd covariance() const
-    {
-        const Eigen::MatrixXd inverse = factor().solve(Eigen::MatrixXd::Identity(n_, n_));
-        return inverse * inverse.transpose();
-    }
-
-private:
-    Eigen::TriangularView<const Eigen::Block<const Eigen::MatrixXd>, Eigen::Upper> factor() const
-    {
-        return R_.topLeftCorner(n_, n_).template triangularView<Eigen::Upper>();
-    }
-    Eigen::Index n_;
-    Eigen::MatrixXd R_;
 };
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
@@ -359,18 +339,25 @@ struct Problem {
         return found;
     }
 
-    /// V of a run from its residuals, wander taken out of them by what V was so far.
-    Square6 learnt_covariance(const Linearised& run, const Equations& measured, const Square6& V_before) const
+    /// V of a run from its residuals, wander taken out of them by what V was so far; how correlated they are goes to of.
+    Square6 learnt_covariance(const Linearised& run, const Equations& measured, const Square6& V_before,
+                              BatchFit& of) const
     {
         Wander wander(wander_std(), 1);
         std::vector<Column6> innovation;
-        Column6 explained = Column6::Zero();
+        Column6 explained = Column6::Zero(), sum_squares = Column6::Constant(1e-300);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
             explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
             innovation.push_back(e);
+            sum_squares += e.cwiseAbs2();
         }
-        return run_covariance(config, run.window, innovation, explained);
+        const std::size_t L = bandwidth<6>(run.window, innovation);
+        const Square6 sum = long_run_sum<6>(run.window, innovation, L);
+        const double hop = run.window.empty() ? 0.0 : 0.25 * run.window.front().length;
+        of.correlation_time = hop * std::max(1.0, (sum.diagonal().array() / sum_squares.array()).maxCoeff());
+        of.n_lags = static_cast<double>(L);
+        return run_covariance(config, sum, run.window.size(), explained);
     }
 
     /// The run's rows as independent ones of unit variance.
@@ -386,12 +373,15 @@ struct Problem {
         return scaled(measured.rows);
     }
 
-    /// Independent values in the band that the long-run variance is made of: its Bartlett weights count for 2/3 of their length.
-    double n_independent(const std::vector<BatchFit>& of) const
+    /// Independent values that the long-run variances are made of: Bartlett weights count for 2/3 of their length.
+    static double n_independent(const std::vector<BatchFit>& of)
     {
-        double n_windows = PRIOR_WINDOWS;
-        for (const BatchFit& f : of) { n_windows += static_cast<double>(f.n_windows); }
-        return 6.0 * n_windows / (2.0 / 3.0 * (LAGS + 1));
+        double n = 0.0;
+        for (const BatchFit& f : of) {
+            const double L = f.n_windows > 0 ? std::max(1.0, f.n_lags) : 1.0;
+            n += 6.0 * (PRIOR_WINDOWS + static_cast<double>(f.n_windows)) / (2.0 / 3.0 * (L + 1.0));
+        }
+        return n;
     }
 
     double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
@@ -446,12 +436,12 @@ struct Problem {
             d.push_back(Eigen::Map<const Vector3>(window[k - 2].w) - rotation_vector(before.transpose() * after) / dt);
             kept.push_back(window[k]);
         }
-        if (at == free.end() || d.size() < 2 * LAGS) { return Eigen::MatrixXd(0, n + 1); }
+        if (at == free.end() || d.size() < 2 * IPE_NOISE_LAGS) { return Eigen::MatrixXd(0, n + 1); }
         Eigen::Vector3d mean = Eigen::Vector3d::Zero();
         for (const Eigen::Vector3d& v : d) { mean += v / static_cast<double>(d.size()); }
         for (Eigen::Vector3d& v : d) { v -= mean; }
         const double count = static_cast<double>(d.size());
-        const double variance = long_run_sum<3>(kept, d).trace() / 3.0 / (count * count);
+        const double variance = long_run_sum<3>(kept, d, IPE_NOISE_LAGS).trace() / 3.0 / (count * count);
         const double std = std::sqrt(std::max(variance, 0.0) + GYRO_FLOOR * GYRO_FLOOR);
         const double* q = config.c().imu_orientation;
         const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
@@ -461,46 +451,123 @@ struct Problem {
         return scaled(Ab);
     }
 
-    /// One Gauss-Newton step. Returns its largest size in posterior sigmas.
-    double step(bool is_weight_renewed)
+    /// The equations of all runs at the present point.
+    struct Pass {
+        explicit Pass(Eigen::Index n) : weighted(n), renewed(n) {}
+        Triangle weighted;               ///< under the weights as they are
+        Triangle renewed;                ///< under V, learnt from the residuals at this point
+        std::vector<Square6> V;
+        std::vector<BatchFit> fit;
+        std::vector<ipe_eiv_correction_t> attenuation;
+        double weight_change = 0.0;      ///< largest relative change of a standard deviation, weights to V
+    };
+
+    /// Throws std::invalid_argument where the calibration leaves its ranges, std::domain_error where a cable vanishes.
+    Pass pass() const
     {
-        Triangle triangle(n);
-        const std::vector<BatchFit> before = std::exchange(fit, {});
+        Pass p(n);
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
             Linearised run = linearise(config, corrected, runs[r], xi);
             const Eigen::MatrixXd gyro = gyro_rows(run.window);
             gate_rest(config, run);
             const Equations measured = equations(run, runs[r], corrected);
-            if (is_weight_renewed) {
-                V[r] = (1.0 + n_told / n_independent(before)) * learnt_covariance(run, measured, V[r]);
+            BatchFit of = fit_of(run, r, measured);
+            const double loss = n_told / std::max(n_independent(fit), 1.0);
+            p.V.push_back((1.0 + loss) * learnt_covariance(run, measured, V[r], of));
+            const Column6 ratio = p.V[r].diagonal().cwiseQuotient(V[r].diagonal()).cwiseSqrt();
+            p.weight_change = std::max(p.weight_change, (ratio.array() - 1.0).abs().maxCoeff());
+            if (!run.window.empty()) {
+                p.weighted.add(whitened(run, measured, V[r]));
+                p.renewed.add(whitened(run, measured, p.V[r]));
             }
-            note(run, r, measured);
-            if (!run.window.empty()) { triangle.add(whitened(run, measured, V[r])); }
-            if (gyro.rows() > 0) { triangle.add(gyro); }
+            if (gyro.rows() > 0) { p.weighted.add(gyro), p.renewed.add(gyro); }
+            p.attenuation.push_back(attenuation_of(run, runs[r].derived));
+            p.fit.push_back(of);
         }
-        triangle.add(prior());
-        const Eigen::VectorXd u = triangle.solve();
-        const Eigen::MatrixXd unit = triangle.covariance();
-        P = scale.asDiagonal() * unit * scale.asDiagonal();
-        n_told = static_cast<double>(n) - unit.trace();
-        move(scale.cwiseProduct(u));
-        return (u.array().abs() / unit.diagonal().array().sqrt()).maxCoeff();
+        p.weighted.add(prior());
+        p.renewed.add(prior());
+        return p;
     }
 
-    void note(const Linearised& run, std::size_t r, const Equations& measured)
+    static ipe_eiv_correction_t attenuation_of(const Linearised& run, const Derived& derived)
     {
-        attenuation[r] = {};
-        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&attenuation[r], &a, 1.0); }
-        if (runs[r].derived.force) { std::fill_n(attenuation[r].sum, 3, 0.0F); }  // smoothed in Y instead
-        if (runs[r].derived.rate) { std::fill_n(attenuation[r].sum + 3, 3, 0.0F); }
+        ipe_eiv_correction_t sum = {};
+        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&sum, &a, 1.0); }
+        if (derived.force) { std::fill_n(sum.sum, 3, 0.0F); }  // smoothed in Y instead
+        if (derived.rate) { std::fill_n(sum.sum + 3, 3, 0.0F); }
+        return sum;
+    }
+
+    BatchFit fit_of(const Linearised& run, std::size_t r, const Equations& measured) const
+    {
         Vector6 sum = Vector6::Zero();
         const std::size_t n_windows = run.window.size();
         for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
         const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
-        fit.push_back({runs[r].rows->size(), n_windows, n_rest,
-                       (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt(),
-                       V[r].diagonal().cwiseSqrt()});
+        BatchFit of{};
+        of.n_rows = runs[r].rows->size(), of.n_windows = n_windows, of.n_rest = n_rest;
+        of.rms = (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt();
+        of.noise_std = V[r].diagonal().cwiseSqrt();
+        return of;
+    }
+
+    /// The point of the pass is the present one: take its weights, if wanted, and its covariance.
+    void take(const Pass& p, bool is_weight_renewed)
+    {
+        if (is_weight_renewed) { V = p.V; }
+        fit = p.fit;
+        for (std::size_t r = 0; r < fit.size(); ++r) { fit[r].noise_std = V[r].diagonal().cwiseSqrt(); }
+        attenuation = p.attenuation;
+        const Triangle& triangle = is_weight_renewed ? p.renewed : p.weighted;
+        const Eigen::MatrixXd unit = triangle.covariance();
+        P = scale.asDiagonal() * unit * scale.asDiagonal();
+        n_told = static_cast<double>(n) - unit.trace();
+    }
+
+    /// Where the unknowns are.
+    struct Point {
+        std::vector<Theta> theta;
+        Eigen::VectorXd xi, geometry;
+    };
+    Point point() const { return {theta, xi, geometry}; }
+    void go_to(const Point& p) { theta = p.theta, xi = p.xi, geometry = p.geometry; }
+
+    /// What each stretch of the runs contributes at the present point, under the present weights.
+    void blocks(std::vector<BatchBlock>& block, Eigen::MatrixXd& H_prior) const
+    {
+        const Config corrected = calibrated(config, xi);
+        const Eigen::MatrixXd Ab = prior();
+        H_prior = Ab.leftCols(n).transpose() * Ab.leftCols(n);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            Linearised run = linearise(config, corrected, runs[r], xi);
+            const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            H_prior += gyro.leftCols(n).transpose() * gyro.leftCols(n);
+            gate_rest(config, run);
+            if (!run.window.empty()) { cut(run, r, whitened(run, equations(run, runs[r], corrected), V[r]), block); }
+        }
+    }
+
+    /// A run's whitened rows as blocks of equal length.
+    void cut(const Linearised& run, std::size_t r, const Eigen::MatrixXd& rows, std::vector<BatchBlock>& block) const
+    {
+        const int64_t first = run.window.front().t_ns, start = runs[r].rows->front().t_ns;
+        const double duration = 1e-9 * static_cast<double>(run.window.back().t_ns - first);
+        const double length = std::max(BLOCK_LENGTH, duration / (BLOCKS_MAX - 1));
+        int64_t now = -1;
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            const double t = 1e-9 * static_cast<double>(run.window[k].t_ns - start);
+            const auto at = static_cast<int64_t>(1e-9 * static_cast<double>(run.window[k].t_ns - first) / length);
+            if (at != now) {
+                block.push_back({static_cast<int>(r), t, t, 0, Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)});
+                now = at;
+            }
+            BatchBlock& b = block.back();
+            const auto A = rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            b.H.noalias() += A.leftCols(n).transpose() * A.leftCols(n);
+            b.g.noalias() += A.leftCols(n).transpose() * A.col(n);
+            b.end = t, ++b.n_windows;
+        }
     }
 
     void move(const Eigen::VectorXd& dz)
@@ -523,8 +590,7 @@ struct Problem {
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
     std::vector<ipe_eiv_correction_t> attenuation;  ///< of the runs' regressors
-    double n_told =
-        0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
+    double n_told = 0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };
@@ -571,21 +637,97 @@ inline BatchBody publish(const Problem& problem, int group)
 
 }  // namespace detail
 
-/// Solve. Throws std::domain_error with the reason where there is nothing to solve or no body comes out.
+namespace detail {
+
+/// The way to the solution, see the top of this file.
+class Descent {
+public:
+    Descent(Problem& problem, const BatchSettings& settings) : problem_(problem), settings_(settings) {}
+
+    void run(BatchResult& result)
+    {
+        first_step();
+        for (n_steps_ = 1; n_steps_ < settings_.n_steps_max && !has_converged(); ++n_steps_) {
+            if (!step()) { break; }
+        }
+        result.n_steps = n_steps_;
+        result.last_step = last_step_;
+        result.is_converged = has_converged();
+        result.refused = refused_;
+    }
+
+private:
+    /// Theta alone: linear, and its residuals give the first weights.
+    void first_step()
+    {
+        const Problem::Pass pass = problem_.pass();
+        problem_.move(problem_.scale.cwiseProduct(pass.weighted.solve_leading(IPE_NP * problem_.n_groups)));
+        arrive(problem_.pass());
+    }
+
+    /// A trial step, damped until it is taken. False: no step is.
+    bool step()
+    {
+        const Triangle here = triangle_;
+        const Eigen::VectorXd g = here.gradient();
+        const double cost = here.cost(), level = here.step_in_sigmas(g);
+        const Problem::Point start = problem_.point();
+        for (; damping_ < DAMPING_MAX; damping_ = std::max(10.0 * damping_, DAMPING_FIRST)) {
+            problem_.move(problem_.scale.cwiseProduct(here.solve(damping_)));
+            try {
+                Problem::Pass pass = problem_.pass();
+                const double cost_now = pass.weighted.cost();
+                const double level_now = here.step_in_sigmas(pass.weighted.gradient());
+                if (std::isfinite(cost_now) && (cost_now < cost || level_now < level)) {
+                    damping_ = damping_ > DAMPING_LEAST ? 0.1 * damping_ : 0.0;
+                    refused_.clear();
+                    arrive(std::move(pass));
+                    return true;
+                }
+            } catch (const std::invalid_argument& error) {
+                refused_ = error.what();
+            }
+            problem_.go_to(start);
+        }
+        return false;
+    }
+
+    void arrive(Problem::Pass pass)
+    {
+        const bool is_renewed = settings_.is_weight_learnt && !is_settled_;
+        is_settled_ = !is_renewed || pass.weight_change < WEIGHT_SETTLED || ++n_renewed_ == WEIGHT_STEPS_MAX;
+        problem_.take(pass, is_renewed);
+        triangle_ = is_renewed ? pass.renewed : pass.weighted;
+        const Eigen::VectorXd u = triangle_.solve(0.0);
+        last_step_ = (problem_.scale.cwiseProduct(u).array().abs() / problem_.P.diagonal().array().sqrt()).maxCoeff();
+        if (!std::isfinite(last_step_)) { throw std::domain_error("the equations have no finite solution"); }
+    }
+
+    bool has_converged() const { return is_settled_ && last_step_ < CONVERGED; }
+
+    Problem& problem_;
+    const BatchSettings& settings_;
+    Triangle triangle_{0};
+    double damping_ = 0.0, last_step_ = HUGE_VAL;
+    int n_steps_ = 0, n_renewed_ = 0;
+    bool is_settled_ = false;
+    std::string refused_;
+};
+
+}  // namespace detail
+
+/// Solve. result.is_converged says whether it is a solution. Throws std::domain_error with the reason where there is nothing
+/// to solve or no body comes out.
 inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
 {
     detail::Problem problem(config, runs, settings);
     BatchResult result{};
-    for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
-        const int step = result.n_steps;
-        result.last_step = problem.step(step > 1 && step <= 1 + settings.n_weight_steps);
-        if (!std::isfinite(result.last_step)) { throw std::domain_error("the equations have no finite solution"); }
-        if (step > settings.n_weight_steps && result.last_step < detail::CONVERGED) { break; }
-    }
+    detail::Descent(problem, settings).run(result);
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
     if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }
     for (int g = 0; g < problem.n_groups; ++g) { result.body.push_back(detail::publish(problem, g)); }
+    problem.blocks(result.block, result.H_prior);
     result.fit = problem.fit;
     result.free = problem.free;
     result.prior_std = problem.scale;
