@@ -15,6 +15,7 @@ Q := $(if $(filter 1,$(V)),,@)
 say = $(if $(filter 1,$(V)),,@echo '  $(1)';)
 
 PY := .venv/bin/python
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' host/inertiad/pyproject.toml)
 SITE := .venv/site
 GEN := $(patsubst lcm_types/%.lcm,build/gen/inertiad_lcm_%.c,$(wildcard lcm_types/*.lcm))
 
@@ -36,6 +37,8 @@ INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/inc
 CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
 CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
 $(CORE): CFLAGS += -std=c11
+$(B)/obj/firmware/app/options.o: CFLAGS += -DINERTIAD_VERSION='"$(VERSION)"'
+$(B)/obj/firmware/app/options.o: host/inertiad/pyproject.toml
 
 ## Print this list
 help:
@@ -111,12 +114,16 @@ demo: build
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
 ## Run every test; ends with one line: N passed, N failed, N skipped
-test: .venv/test.stamp build unit-programs asan-programs accept-programs vcan-runs
+test: .venv/test.stamp build unit-programs micro asan-programs accept-programs vcan-runs
 	@$(PY) tools/test unit laws host vcan asan
 
 ## Test the stages of the core (Unity)
-test-unit: unit-programs
+test-unit: unit-programs micro
 	@$(PY) tools/test unit
+
+## Build the core for microcontrollers: 8 cables, short buffers, state under 64 KiB
+micro:
+	@$(MAKE) --no-print-directory B=build/micro OPT='-Os -DIPE_PROFILE_MICRO' WERROR=-Werror build/micro/lib/libinertiad_core.a
 
 ## Test the laws the mathematics must keep
 test-laws: .venv/test.stamp build unit-programs
@@ -213,7 +220,7 @@ format-check: .venv/lint.stamp
 ## Look for mistakes without running: compiler warnings, clang-tidy, ruff, mypy, shellcheck
 lint: .venv/lint.stamp .venv/test.stamp build
 	@$(MAKE) --no-print-directory B=build/strict WERROR=-Werror build unit-programs
-	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 $(INCLUDE)
+	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 -DINERTIAD_VERSION='"$(VERSION)"' $(INCLUDE)
 	$(Q).venv/bin/ruff check -q --config host/inertiad/pyproject.toml $(PY_FILES)
 	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
 	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl tools/mistakes .ci/run
@@ -233,6 +240,6 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
+.PHONY: help setup build micro demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
     format format-check lint check size clean clean-all
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon.h"
+#include "close.h"
+
+#include "data_path.h"
 #include "estimate_file.h"
-#include "flow.h"
 #include "health.h"
 #include "message.h"
 #include "monitor.h"
@@ -22,7 +23,7 @@ static int write_estimate(daemon_t* d)
     return daemon_refuse("--estimate", reason);
 }
 
-/// False if a replay's record lacks anything.
+/// False if the record of a replay is incomplete; a live record may have lost messages, which are counted.
 static bool close_record(daemon_t* d)
 {
     if (!d->is_recording) { return true; }
@@ -39,15 +40,14 @@ static bool close_record(daemon_t* d)
 bool daemon_close(daemon_t* d)
 {
     bool is_good = true;
-    ipe_pipeline_flush(d->pipeline);
-    flow_step(d);
-    monitor_losses(d);
+    data_path_flush(d);
+    monitor_end(d);
     for (unsigned i = 0; i < d->n_interfaces; ++i) { ipe_source_socketcan_close(&d->interface[i]); }
     ipe_replay_close(&d->replay);
     if (d->option.estimate != NULL && write_estimate(d) != 0) { is_good = false; }
     if (d->option.checkpoint != NULL && ipe_checkpoint_close(&d->checkpoint, d->pipeline) != 0) { is_good = false; }
-    ipe_publish_last(&d->publisher, &d->pipeline->estimate);
-    health_send(d, flow_now(d));
+    ipe_publish_last(&d->publisher, &d->pipeline->estimator.estimate, health_dropped(d));
+    health_send(d, daemon_now(d));
     if (!close_record(d)) { is_good = false; }
     health_count(d);
     ipe_publish_close(&d->publisher);

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-/// All state of the daemon, and what its parts share. One static of this type in inertiad.c; nothing is allocated.
+/// All state of the daemon, and the functions that every part may call. One static of this type in inertiad.c; nothing is
+/// allocated. Parts call and include only parts further right or below:
 ///
-///   options -> open -> loop:  flow     frames and positions -> pipeline -> LCM and record
-///                             monitor  buses, losses, clock, sensors; once a second interfaces, watchdog, checkpoint
-///                             control  commands
-///                             health   counters
-///           -> close
+///   inertiad -> options
+///            -> open -> loop                   waits for input and calls one of
+///            -> loop -> data_path              frames and positions -> pipeline -> LCM and record
+///                    -> command_handler        commands; uses data_path
+///                    -> monitor                buses, losses, clock, sensors; once a second HEALTH, watchdog, checkpoint
+///            -> close                          last rows, result files, summary
+///   data_path -> monitor -> health -> daemon   counters; time, refusals, gyro bias
 #ifndef IPE_DAEMON_H
 #define IPE_DAEMON_H
 
@@ -14,6 +17,7 @@
 #include "counters.h"
 #include "host_clock.h"
 #include "inbox.h"
+#include "lateness.h"
 #include "notify.h"
 #include "options.h"
 #include "pipeline.h"
@@ -26,14 +30,14 @@
 
 #define NS_PER_S INT64_C(1000000000)
 
-/// Something that should not get lost, and how much of it did.
+/// Losses of one kind, counted elsewhere.
 typedef struct {
-    uint64_t n_before;  ///< lost when it began
+    uint64_t n_before;  ///< lost when the present loss began
     uint64_t n_last;    ///< at the last look
     bool is_losing;
 } loss_t;
 
-/// Counts of pipelines, or of what was reset in them, from before: what is told never decreases.
+/// Counts of earlier pipelines and from before a reset: published counters never decrease.
 typedef struct {
     uint64_t counter[IPE_COUNTERS_MAX];
     uint64_t n_rejected, n_incomplete;
@@ -52,7 +56,6 @@ typedef struct {
     ipe_inbox_t inbox;
     ipe_pipeline_t pipelines[2];
     ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
-    ipe_learnt_t learnt;       ///< on its way from one to the other
     ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;
@@ -62,11 +65,10 @@ typedef struct {
 
     ipe_notify_t notify;
     int epoll_fd, signal_fd, second_fd, pace_fd;
-    int64_t collect_ns;  ///< that frames gather before they are read; 0: each is taken as it comes
+    int64_t collect_ns;  ///< pause before frames are read, so that several are read at once; 0: none
     bool is_done;
     bool is_replay_runnable;
     ipe_host_clock_t clock;
-    int64_t arrival_ns;     ///< host time at which the frame at hand came; 0: not measured
     ipe_histogram_t decoded, estimated;
     int64_t data_ns;        ///< host time of the newest frame, 0: none yet
     int64_t first_row_ns, last_row_ns;
@@ -81,26 +83,30 @@ typedef struct {
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
     ipe_presence_t presence[IPE_SENSOR_COUNT];
-    int64_t presence_due_ns;      ///< data time of the next look
-    ipe_host_facts_t facts;       ///< as found at the start
-    int n_facts_ticks;            ///< until they are told again
+    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
+    int64_t presence_due_ns;      ///< data time of the next check of the sensors
+    ipe_host_facts_t facts;       ///< read at the start
+    int n_facts_ticks;            ///< until HOST is sent again
     int n_ticks;                  ///< since the last checkpoint
     uint64_t n_changes_reported;  ///< payload changes
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];
 } daemon_t;
 
-/// Open everything that the options name, in the order of the data. 0, or -1: said why.
-int daemon_open(daemon_t* d);
+/// Host time now [ns]: of the clock for interfaces, the newest frame's stamp for recorded input.
+int64_t daemon_now(const daemon_t* d);
 
-/// True if what is open can serve this configuration: every signal's bus, the position. Otherwise why not, in text[size].
+/// Host time [ns] of the sensor's newest sample; 0: none yet.
+int64_t daemon_newest_sample(const daemon_t* d, ipe_sensor_t sensor);
+
+/// True if the open buses and LCM suffice for this configuration: every signal's bus, the position. Otherwise the reason is
+/// in text[size].
 bool daemon_can_use(const daemon_t* d, const ipe_config_t* config, char* text, size_t size);
 
-/// Let out what waits, tell the world a last time, write the result, print the summary. False: something that was asked
-/// for is not written, said why.
-bool daemon_close(daemon_t* d);
+/// Put a gyro bias [3], I axes, rad/s, into the configuration in use and its compiled bytes.
+void daemon_set_gyro_bias(daemon_t* d, const double bias[3]);
 
-/// Say what is wrong with an option's value. -1.
+/// Print "name: reason" to stderr. -1.
 int daemon_refuse(const char* name, const char* reason);
 
 #endif

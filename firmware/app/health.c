@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "health.h"
 
+#include "counter_table.h"
 #include "message.h"
 
 #include <inttypes.h>
 #include <stdio.h>
+
+static const uint64_t NS_PER_US = 1000;
 
 static void count_buses(daemon_t* d)
 {
@@ -41,6 +44,9 @@ void health_count_input(daemon_t* d)
     }
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "silences", d->presence[s].n_lost);
+        if (s == IPE_IMU) { continue; }
+        ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "lateness_max_us",
+                         (uint64_t)d->lateness[s].worst_ns / NS_PER_US);
     }
 }
 
@@ -91,30 +97,15 @@ const char* health_bus_name(const daemon_t* d, unsigned i)
     return d->n_interfaces > 0 ? d->interface[i].interface : d->replay.bus[i].path;
 }
 
-static uint64_t rejected_rows(const ipe_pipeline_t* p)
-{
-    const ipe_align_t* a = &p->align;
-    uint64_t n = a->n_overrun + a->n_bad_quaternion + p->n_unsettled + p->wrench.n_geometry + p->window.n_backwards;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += a->n_missing[s] + a->n_late[s]; }
-    n += a->n_backwards[IPE_IMU] + a->n_duplicate[IPE_IMU] + a->n_nonfinite[IPE_IMU];
-    return n + p->pace[IPE_IMU].n_dropped + p->stuck.n_stuck[IPE_IMU];
-}
-
-static uint64_t incomplete_samples(const ipe_pipeline_t* p)
-{
-    uint64_t n = 0;
-    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) { n += p->group[s].n_incomplete + p->group[s].n_lost; }
-    return n;
-}
-
 uint64_t health_rejected_rows(const daemon_t* d)
 {
-    return d->carried.n_rejected + rejected_rows(d->pipeline);
+    return d->carried.n_rejected + ipe_pipeline_counter_sum(d->pipeline, IPE_COUNTER_REJECTED);
 }
 
 uint64_t health_dropped(const daemon_t* d)
 {
-    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete + incomplete_samples(d->pipeline);
+    uint64_t n = health_rejected_rows(d) + d->carried.n_incomplete +
+                 ipe_pipeline_counter_sum(d->pipeline, IPE_COUNTER_INCOMPLETE);
     for (unsigned i = 0; i < d->option.n_buses; ++i) {
         n += health_bus_counts(d, i)->n_dropped + health_bus_counts(d, i)->n_controller_overruns;
     }
@@ -125,23 +116,22 @@ void health_carry(daemon_t* d, const ipe_pipeline_t* p)
 {
     uint64_t value;
     for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] += value; }
-    d->carried.n_rejected += rejected_rows(p);
-    d->carried.n_incomplete += incomplete_samples(p);
+    d->carried.n_rejected += ipe_pipeline_counter_sum(p, IPE_COUNTER_REJECTED);
+    d->carried.n_incomplete += ipe_pipeline_counter_sum(p, IPE_COUNTER_INCOMPLETE);
 }
 
 void health_carried(daemon_t* d, const ipe_pipeline_t* p)
 {
     uint64_t value;
     for (unsigned k = 0; ipe_pipeline_counter(p, k, &value) != NULL; ++k) { d->carried.counter[k] -= value; }
-    d->carried.n_rejected -= rejected_rows(p);
-    d->carried.n_incomplete -= incomplete_samples(p);
+    d->carried.n_rejected -= ipe_pipeline_counter_sum(p, IPE_COUNTER_REJECTED);
+    d->carried.n_incomplete -= ipe_pipeline_counter_sum(p, IPE_COUNTER_INCOMPLETE);
 }
 
 static double age_of(const daemon_t* d, ipe_sensor_t sensor, int64_t now_ns)
 {
-    const ipe_ring_t* ring = &d->pipeline->align.ring[sensor];
-    if (ring->head == ring->first) { return -1.0; }
-    return (double)(now_ns - ring->t_ns[(ring->head - 1) % IPE_RING]) / (double)NS_PER_S;
+    const int64_t newest_ns = daemon_newest_sample(d, sensor);
+    return newest_ns == 0 ? -1.0 : (double)(now_ns - newest_ns) / (double)NS_PER_S;
 }
 
 void health_send(daemon_t* d, int64_t now_ns)
@@ -170,17 +160,30 @@ static void print_latency(const char* name, const ipe_histogram_t* h)
                 1e6 * ipe_histogram_quantile(h, 0.999), 1e6 * ipe_histogram_quantile(h, 1.0));
 }
 
+void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text, size_t size)
+{
+    const ipe_lateness_t* l = &d->lateness[sensor];
+    const double advice = ipe_lateness_advice(l);
+    const int n = snprintf(text, size, "samples arrive up to %.2f s late; rows wait %.2f s: ",
+                           (double)l->worst_ns / (double)NS_PER_S, d->config.max_wait);
+    if (n < 0 || (size_t)n >= size) { return; }
+    if (advice <= IPE_MAX_WAIT) {
+        (void)snprintf(text + n, size - (size_t)n, "raise align.max_wait to at least %.2f", advice);
+    } else {
+        (void)snprintf(text + n, size - (size_t)n, "align.max_wait can be at most %g; deliver the samples sooner",
+                       IPE_MAX_WAIT);
+    }
+}
+
 void health_print(const daemon_t* d)
 {
+    char text[REASON_SIZE];
     ipe_counters_print(&d->counters);
     print_latency("decoded", &d->decoded);
     print_latency("estimate", &d->estimated);
-}
-
-void health_advance(daemon_t* d, int64_t t_ns)
-{
-    d->data_ns = t_ns;
-    if (t_ns < d->health_due_ns && t_ns >= d->health_due_ns - NS_PER_S) { return; }
-    if (d->health_due_ns != 0) { health_send(d, t_ns); }
-    d->health_due_ns = t_ns + NS_PER_S;
+    for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        if (d->lateness[s].needed_ns == 0) { continue; }
+        health_describe_lateness(d, (ipe_sensor_t)s, text, sizeof text);
+        ipe_message("%s: %s", health_sensor_name((ipe_sensor_t)s), text);
+    }
 }

@@ -1,42 +1,42 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What every stage took in, passed on and refused: counted together, sent as HEALTH.
+/// Counters of every stage: input, output, rejected by cause. Sent as HEALTH and printed at the end.
 #ifndef IPE_HEALTH_H
 #define IPE_HEALTH_H
 
 #include "daemon.h"
 
-/// Bring d->counters up to date: all, or what depends on the input only.
+/// Update d->counters: all of them, or only those that depend on the input alone.
 void health_count(daemon_t* d);
 void health_count_input(daemon_t* d);
 
-/// What bus i has taken in and lost.
+/// Frames received from and lost on bus i.
 const ipe_bus_counts_t* health_bus_counts(const daemon_t* d, unsigned i);
 
-/// Interface or file of bus i; "imu", "force", "position".
+/// Interface or file of bus i; "imu", "force" or "position".
 const char* health_bus_name(const daemon_t* d, unsigned i);
 const char* health_sensor_name(ipe_sensor_t sensor);
 
-/// Frames taken in, from all buses.
+/// Frames received from all buses.
 uint64_t health_frames(const daemon_t* d);
 
-/// IMU samples that were complete and did not become a used row.
+/// Complete IMU samples that did not become a used row.
 uint64_t health_rejected_rows(const daemon_t* d);
 
-/// Frames lost before they reached us, incomplete samples, and rows.
+/// Frames lost before the daemon received them, incomplete samples, and rejected rows.
 uint64_t health_dropped(const daemon_t* d);
 
-/// Around a change that sets counters of the pipeline back: before it carry what p has counted, after it take off what the
-/// pipeline that goes on still counts itself.
+/// Keep counters from decreasing across a change that sets counters of the pipeline back: call the first before the change
+/// with the pipeline in use, the second after it with the pipeline that continues.
 void health_carry(daemon_t* d, const ipe_pipeline_t* p);
 void health_carried(daemon_t* d, const ipe_pipeline_t* p);
 
-/// Print the counters as last counted, and the latencies.
+/// Print the counters as last updated, the latencies, and advice on max_wait if a sensor was late.
 void health_print(const daemon_t* d);
 
-/// Send HEALTH.
+/// Update d->counters and send HEALTH, stamped now_ns.
 void health_send(daemon_t* d, int64_t now_ns);
 
-/// Move data time on; HEALTH goes out once per second of it.
-void health_advance(daemon_t* d, int64_t t_ns);
+/// Write one line about a sensor that is later than rows wait, with the key of robot.toml to change, into text[size].
+void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text, size_t size);
 
 #endif

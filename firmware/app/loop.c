@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "loop.h"
 
-#include "control.h"
-#include "flow.h"
+#include "command_handler.h"
+#include "data_path.h"
 #include "message.h"
 #include "monitor.h"
 
@@ -21,11 +21,11 @@ static void watch(daemon_t* d, int fd, uint64_t wake, uint32_t events)
 {
     struct epoll_event event = {.events = events, .data.u64 = wake};
     if (epoll_ctl(d->epoll_fd, EPOLL_CTL_ADD, fd, &event) != 0) {
-        ipe_message("epoll: source %llu cannot be waited for: %s", (unsigned long long)wake, strerror(errno));
+        ipe_message("epoll: cannot wait for source %llu: %s", (unsigned long long)wake, strerror(errno));
     }
 }
 
-void loop_watch_interface(daemon_t* d, unsigned i)
+static void watch_interface(daemon_t* d, unsigned i)
 {
     watch(d, d->interface[i].fd, WAKE_BUS + i, EPOLLIN);
 }
@@ -44,7 +44,7 @@ int loop_open(daemon_t* d)
     watch(d, d->second_fd, WAKE_SECOND, EPOLLIN);
     watch(d, d->pace_fd, WAKE_PACE, EPOLLIN);
     if (d->inbox.fd >= 0) { watch(d, d->inbox.fd, WAKE_LCM, EPOLLIN); }
-    for (unsigned i = 0; i < d->n_interfaces; ++i) { loop_watch_interface(d, i); }
+    for (unsigned i = 0; i < d->n_interfaces; ++i) { watch_interface(d, i); }
     d->is_replay_runnable = d->n_interfaces == 0;
     return 0;
 }
@@ -63,7 +63,7 @@ static void wait_until(daemon_t* d, int64_t due_ns)
     (void)timerfd_settime(d->pace_fd, TFD_TIMER_ABSTIME, &due, NULL);
 }
 
-/// Now, where the replay keeps time; as fast as possible latencies would tell nothing.
+/// Host time now if the replay is paced; 0 if not, where latencies would mean nothing.
 static int64_t replay_arrival(const daemon_t* d)
 {
     return d->replay.speed > 0.0 ? ipe_host_clock_now(&d->clock) : 0;
@@ -72,11 +72,11 @@ static int64_t replay_arrival(const daemon_t* d)
 static void replay_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     const int64_t arrival_ns = replay_arrival(d);
-    flow_frame(d, frame, arrival_ns);
+    data_path_frame(d, frame, arrival_ns);
     if (arrival_ns != 0) { ipe_histogram_push(&d->decoded, ipe_host_clock_now(&d->clock) - arrival_ns); }
 }
 
-/// One item of the recorded input. False when it has to wait.
+/// Use one item of the recorded input. False: the next one is not there yet, or there is none.
 static bool replay_item(daemon_t* d)
 {
     ipe_replay_item_t item;
@@ -84,7 +84,7 @@ static bool replay_item(daemon_t* d)
     case IPE_REPLAY_FRAME: replay_frame(d, item.frame); return true;
     case IPE_REPLAY_POSITION:
         ipe_publish_position(&d->publisher, item.position->t_ns, item.position->position);
-        flow_position(d, item.position->t_ns, item.position->position, replay_arrival(d));
+        data_path_position(d, item.position->t_ns, item.position->position, replay_arrival(d));
         return true;
     case IPE_REPLAY_WAIT:
         if (wait_for_input(d, item.fd)) { return false; }
@@ -96,18 +96,18 @@ static bool replay_item(daemon_t* d)
     }
 }
 
-/// Recorded input, a turn of it: signals and LCM are looked at in between.
+/// Use at most ITEMS_PER_TURN items, so that signals and LCM are served in between.
 static void run_replay(daemon_t* d)
 {
     for (int i = 0; i < ITEMS_PER_TURN && d->is_replay_runnable; ++i) { d->is_replay_runnable = replay_item(d); }
 }
 
-/// The frames of a batch count as decoded when all of them are, so the clock is read once.
-static void take_batch(daemon_t* d, ipe_frame_t* frame, int n)
+/// Use a batch of frames. The clock is read once, after the last frame, for the latency of all.
+static void use_batch(daemon_t* d, ipe_frame_t* frame, int n)
 {
     for (int k = 0; k < n; ++k) {
         frame[k].t_ns = ipe_host_clock_map(&d->clock, frame[k].t_ns);
-        flow_frame(d, &frame[k], frame[k].t_ns);
+        data_path_frame(d, &frame[k], frame[k].t_ns);
     }
     const int64_t now_ns = ipe_host_clock_now(&d->clock);
     for (int k = 0; k < n; ++k) { ipe_histogram_push(&d->decoded, now_ns - frame[k].t_ns); }
@@ -119,7 +119,7 @@ static void read_interface(daemon_t* d, unsigned i)
     for (int batch = 0; batch == 0 || (s->has_more && batch < BATCHES_PER_TURN); ++batch) {
         const int n = ipe_source_socketcan_read(s);
         monitor_clock(d);
-        take_batch(d, s->frame, n);
+        use_batch(d, s->frame, n);
     }
     monitor_interface(d, i);
 }
@@ -130,13 +130,22 @@ static void read_inbox(daemon_t* d)
     ipe_inbox_kind_t kind;
     for (int i = 0; i < MESSAGES_PER_TURN && (kind = ipe_inbox_next(&d->inbox, &item)) != IPE_INBOX_EMPTY; ++i) {
         if (kind == IPE_INBOX_COMMAND) {
-            control_take(d, &item);
+            command_handler_execute(d, &item);
         } else {
             const int64_t t_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, item.t_ns) : item.t_ns;
             ipe_publish_received(&d->publisher, IPE_PUBLISH_TRACKER, t_ns, item.data, item.n);
-            flow_position(d, t_ns, item.position, ipe_host_clock_now(&d->clock));
+            data_path_position(d, t_ns, item.position, ipe_host_clock_now(&d->clock));
         }
     }
+}
+
+/// An interface that came back has a new descriptor.
+static void tick_interface(daemon_t* d, unsigned i)
+{
+    const int fd = d->interface[i].fd;
+    ipe_source_socketcan_tick(&d->interface[i]);
+    if (d->interface[i].fd != fd) { watch_interface(d, i); }
+    monitor_interface(d, i);
 }
 
 static void acknowledge(int timer_fd)
@@ -151,7 +160,8 @@ static void handle(daemon_t* d, uint64_t wake)
     case WAKE_SIGNAL: d->is_done = true; break;
     case WAKE_SECOND:
         acknowledge(d->second_fd);
-        monitor_tick(d);
+        for (unsigned i = 0; i < d->n_interfaces; ++i) { tick_interface(d, i); }
+        monitor_second(d);
         break;
     case WAKE_PACE:
         acknowledge(d->pace_fd);
@@ -166,8 +176,8 @@ static void handle(daemon_t* d, uint64_t wake)
     }
 }
 
-/// Let frames gather if two or more will come meanwhile, unless there are whole batches already: a wake-up costs as much as
-/// some dozen frames.
+/// Pause so that several frames are read at once, if two or more will come during the pause and no whole batch is waiting: a
+/// wake-up costs as much as some dozen frames.
 static void collect(const daemon_t* d)
 {
     const struct timespec pause = {.tv_nsec = d->collect_ns};

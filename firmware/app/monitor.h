@@ -1,26 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Looks after what surrounds the data: tells on EVENT what changed, keeps the checkpoint fresh, feeds the watchdog.
+/// Watches buses, losses, clock and sensors and reports changes on EVENT; sends HEALTH and HOST, saves the checkpoint, feeds
+/// the watchdog.
 #ifndef IPE_MONITOR_H
 #define IPE_MONITOR_H
 
 #include "daemon.h"
 
-/// Tell when interface i went down or came back.
+/// After reading interface i: report if it went down or came back.
 void monitor_interface(daemon_t* d, unsigned i);
 
-/// Take a frame by which a controller tells its state.
-void monitor_error_frame(daemon_t* d, const ipe_frame_t* frame);
+/// After a frame was used: report a change of the bus state or of the payload, and, by data time, check ten times a second
+/// whether every sensor is present, once a second whether it is late, and send HEALTH.
+void monitor_frame(daemon_t* d, const ipe_frame_t* frame);
 
-/// Look at the clocks before stamps are mapped; tell when somebody set the host's.
+/// After a position was used: measure its lateness.
+void monitor_position(daemon_t* d);
+
+/// Read the clocks, before stamps are mapped; report if the host's clock was stepped.
 void monitor_clock(daemon_t* d);
 
-/// Data time moved on: ten times a second of it look whether every sensor is there. HOST goes out here first.
-void monitor_advance(daemon_t* d, int64_t now_ns);
+/// Once a second of real time: losses, checkpoint, watchdog. Sends HEALTH if monitor_frame() did not.
+void monitor_second(daemon_t* d);
 
-/// Tell when frames, messages of the record or of LCM begin to get lost, and when none were since the last look.
-void monitor_losses(daemon_t* d);
-
-/// Once a second of real time. HEALTH goes out here when no data moved it.
-void monitor_tick(daemon_t* d);
+/// At the end of the input: report losses and a payload change not reported yet.
+void monitor_end(daemon_t* d);
 
 #endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "daemon.h"
+#include "open.h"
+
 #include "estimate_file.h"
-#include "flow.h"
 #include "loop.h"
 #include "message.h"
 #include "realtime.h"
@@ -22,28 +22,9 @@ static const double FASTEST_BUS = 30000.0;  // frames/s: CAN FD, no data
 static const double COLLECT_SHARE = 0.5;    // of a receive buffer, filled by frames that gather
 static const int64_t WATCHDOG_MIN_NS = 2 * NS_PER_S;
 
-int daemon_refuse(const char* name, const char* reason)
-{
-    ipe_message("%s: %s", name, reason);
-    return -1;
-}
-
 static bool is_interface_address(const char* address)
 {
     return strncmp(address, "socketcan:", strlen("socketcan:")) == 0;
-}
-
-bool daemon_can_use(const daemon_t* d, const ipe_config_t* config, char* text, size_t size)
-{
-    for (int i = 0; i < config->n_signals; ++i) {
-        if ((unsigned)config->signal[i].bus < d->option.n_buses) { continue; }
-        (void)snprintf(text, size, "takes signals from bus %d, but only %u given", config->signal[i].bus,
-                       d->option.n_buses);
-        return false;
-    }
-    if (config->position_source != IPE_POSITION_TRACKER || d->replay.has_tracker || d->inbox.fd >= 0) { return true; }
-    (void)snprintf(text, size, "no tracker positions can come over this --lcm; give --tracker file:FILE");
-    return false;
 }
 
 /// All recorded or all live.
@@ -229,13 +210,12 @@ static int open_checkpoint(daemon_t* d)
         return daemon_refuse("--checkpoint", reason);
     }
     const int status = ipe_checkpoint_load(&d->checkpoint, d->pipeline, reason, sizeof reason);
-    d->n_changes_reported = d->pipeline->detect.n_changes;
+    d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
     if (status < 0) { ipe_message("--checkpoint: %s", reason); }
     if (status > 0) {
-        memcpy(d->config.gyro_bias, d->pipeline->config.gyro_bias, sizeof d->config.gyro_bias);
-        (void)ipe_config_set_gyro_bias(d->config_bytes, d->n_config_bytes + IPE_CONFIG_CRC_BYTES, d->config.gyro_bias);
+        daemon_set_gyro_bias(d, d->pipeline->config.gyro_bias);
         ipe_message("--checkpoint: continuing from %s, %llu windows", d->option.checkpoint,
-                    (unsigned long long)d->pipeline->estimate.n_windows);
+                    (unsigned long long)d->pipeline->estimator.estimate.n_windows);
     }
     return 0;
 }

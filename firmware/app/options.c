@@ -31,7 +31,8 @@ static const char USAGE[] =
     "                      0: take each as it comes\n"
     "  --rt PRIORITY       run as SCHED_FIFO, 1 to 99, with all memory locked\n"
     "  --cpu N             run on this processor only, from 0\n"
-    "  -h, --help          this text\n"
+    "  --version           print the version\n"
+    "  -h, --help          print this text\n"
     "\n"
     "example:\n"
     "  inertiad --config robot.cfg --bus file:run/can.log --tracker file:run/tracker.csv --estimate run/estimate.json\n";
@@ -94,7 +95,18 @@ static int take_option(options_t* o, int letter, const char* text)
     }
 }
 
-int options_read(options_t* o, int argc, char** argv)
+static options_result_t print(const char* text)
+{
+    return fputs(text, stdout) < 0 ? OPTIONS_BAD : OPTIONS_PRINTED;
+}
+
+static options_result_t refuse(const char* name, const char* reason)
+{
+    (void)usage_error(name, reason);
+    return OPTIONS_BAD;
+}
+
+options_result_t options_read(options_t* o, int argc, char** argv)
 {
     static const struct option LONG[] = {
         {"config", required_argument, NULL, 'c'},
@@ -108,6 +120,7 @@ int options_read(options_t* o, int argc, char** argv)
         {"collect", required_argument, NULL, 'g'},
         {"rt", required_argument, NULL, 'R'},
         {"cpu", required_argument, NULL, 'C'},
+        {"version", no_argument, NULL, 'V'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
     };
@@ -115,11 +128,12 @@ int options_read(options_t* o, int argc, char** argv)
     *o = (options_t){
         .lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_", .cpu = -1, .collect = COLLECT_DEFAULT};
     while ((letter = getopt_long(argc, argv, ":h", LONG, NULL)) != -1) {
-        if (letter == 'h') { return fputs(USAGE, stdout) < 0 ? -1 : 1; }
-        if (take_option(o, letter, argv[optind - 1]) != 0) { return -1; }
+        if (letter == 'h') { return print(USAGE); }
+        if (letter == 'V') { return print("inertiad " INERTIAD_VERSION "\n"); }
+        if (take_option(o, letter, argv[optind - 1]) != 0) { return OPTIONS_BAD; }
     }
-    if (optind < argc) { return usage_error(argv[optind], "belongs to no option"); }
-    if (o->config == NULL) { return usage_error("--config", "missing"); }
-    if (o->n_buses == 0) { return usage_error("--bus", "missing"); }
-    return 0;
+    if (optind < argc) { return refuse(argv[optind], "belongs to no option"); }
+    if (o->config == NULL) { return refuse("--config", "missing"); }
+    if (o->n_buses == 0) { return refuse("--bus", "missing"); }
+    return OPTIONS_RUN;
 }

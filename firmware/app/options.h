@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The command line as it was given; what the values mean is found out when they are opened.
+/// Command line, as given. Addresses and files are checked when they are opened.
 #ifndef IPE_OPTIONS_H
 #define IPE_OPTIONS_H
 
 #include "types.h"
 
-enum { REASON_SIZE = 512 };  ///< of one line that says what is wrong
+enum { REASON_SIZE = 512 };  ///< bytes of one line of an error message
 
 typedef struct {
     const char* config;
@@ -22,7 +22,13 @@ typedef struct {
     unsigned n_buses;
 } options_t;
 
-/// Read the arguments, which are kept by pointer. 0: go on; 1: help was asked for and given; -1: not usable, said why.
-int options_read(options_t* o, int argc, char** argv);
+typedef enum {
+    OPTIONS_RUN = 0,
+    OPTIONS_PRINTED = 1,  ///< help or version; the program is to end
+    OPTIONS_BAD = -1,     ///< the reason was printed
+} options_result_t;
+
+/// Read the arguments, which are kept by pointer.
+options_result_t options_read(options_t* o, int argc, char** argv);
 
 #endif

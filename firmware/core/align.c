@@ -6,10 +6,12 @@
 #include <assert.h>
 #include <string.h>
 
-#define SAME_INSTANT_NS 1000     // closer than this, a sample is taken as it is
-#define RESTART_NS 1000000000LL  // a stamp further back than this starts the sensor again
-#define REORDERED_MAX 8          // samples that one may come late
-#define DUPLICATE 8              // parts of the spacing; closer than one to another sample, a late one is a copy of it
+#define SAME_INSTANT_NS 1000      // 1 us, the resolution of candump stamps: closer samples are taken as they are
+#define RESTART_NS 1000000000LL   // 1 s, chosen far over any reordering: a stamp further back starts the sensor again
+#define REORDERED_MAX 8           // samples that one may come late; chosen so that making room stays cheap
+#define DUPLICATE 8               // of the spacing, an eighth: chosen over stamp jitter; a closer sample is a copy
+#define NEIGHBOURS 2              // samples past a row's instant that the cubic needs
+#define QUATERNION_TOLERANCE 0.1  // of the norm: chosen over the rounding of 8-bit signals
 
 static int64_t to_ns(double seconds)
 {
@@ -24,7 +26,7 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
     a->position_source = config->position_source;
     memcpy(a->fixed_position, config->fixed_position, sizeof a->fixed_position);
     a->max_wait_ns = to_ns(config->max_wait);
-    ipe_dead_reckoning_init(&a->carry, config);
+    ipe_dead_reckoning_init(&a->dead_reckoning, config);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         a->max_age_ns[s] = to_ns(config->max_age[s]);
         a->delay_ns[s] = to_ns(config->delay[s]);
@@ -56,7 +58,7 @@ static bool read_attitude(const ipe_align_t* a, const double* value, double q[4]
     }
     const double norm = sqrt(value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]);
     for (int i = 0; i < 4; ++i) { q[i] = value[i] / norm; }
-    return fabs(norm - 1.0) < 0.1;
+    return fabs(norm - 1.0) < QUATERNION_TOLERANCE;
 }
 
 static void store(ipe_align_t* a, ipe_sensor_t sensor, uint64_t place, const double* value, const double q[4])
@@ -209,20 +211,39 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
 
 typedef enum { FOUND, CARRIED, WAIT, GAP, LATE } search_t;
 
+/// Period of a sensor by its last two samples, at most max_age, which it is taken for before there are two.
+static int64_t period(const ipe_align_t* a, ipe_sensor_t sensor)
+{
+    const ipe_ring_t* ring = &a->ring[sensor];
+    const uint64_t end = timed(ring);
+    if (end < oldest(ring) + 2) { return a->max_age_ns[sensor]; }
+    const int64_t spacing = stamp(ring, end - 1) - stamp(ring, end - 2);
+    return spacing < a->max_age_ns[sensor] ? spacing : a->max_age_ns[sensor];
+}
+
+/// May the row at t_ns wait for more of this sensor?
+static bool may_wait_for(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns)
+{
+    const ipe_ring_t* imu = &a->ring[IPE_IMU];
+    const bool is_full = imu->head - imu->cursor >= IPE_RING;
+    const int64_t waited = stamp(imu, timed(imu) - 1) - t_ns;
+    return !a->is_ending && !is_full && waited <= a->max_wait_ns + NEIGHBOURS * period(a, sensor);
+}
+
 /// Put the ring's cursor on the sample at or before t and say whether t can be interpolated from there.
-static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, bool may_wait)
+static search_t search(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns)
 {
     ipe_ring_t* ring = &a->ring[sensor];
     if (ring->cursor < oldest(ring)) { ring->cursor = oldest(ring); }
     while (ring->cursor + 1 < timed(ring) && stamp(ring, ring->cursor + 1) <= t_ns + SAME_INSTANT_NS) {
         ++ring->cursor;
     }
-    if (timed(ring) == ring->first) { return may_wait ? WAIT : LATE; }
+    if (timed(ring) == ring->first) { return may_wait_for(a, sensor, t_ns) ? WAIT : LATE; }
     const int64_t since = t_ns - stamp(ring, ring->cursor);
     if (since < -SAME_INSTANT_NS) { return GAP; }
     if (since <= SAME_INSTANT_NS) { return FOUND; }
     const uint64_t behind = timed(ring) - 1 - ring->cursor;
-    if (behind < 2 && may_wait) { return WAIT; }
+    if (behind < NEIGHBOURS && may_wait_for(a, sensor, t_ns)) { return WAIT; }
     if (behind < 1) { return LATE; }
     return stamp(ring, ring->cursor + 1) - stamp(ring, ring->cursor) > a->max_age_ns[sensor] ? GAP : FOUND;
 }
@@ -297,13 +318,13 @@ static search_t find_position(ipe_align_t* a, int64_t t_ns, search_t found, doub
         return FOUND;
     }
     const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
-    ipe_dead_reckoning_advance(&a->carry, t_ns, imu, imu + 6);
+    ipe_dead_reckoning_advance(&a->dead_reckoning, t_ns, imu, imu + 6);
     if (found == FOUND) {
         interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, position);
-        ipe_dead_reckoning_learn(&a->carry, a->ring[IPE_POSITION].cursor, position);
+        ipe_dead_reckoning_learn(&a->dead_reckoning, a->ring[IPE_POSITION].cursor, position);
         return FOUND;
     }
-    return ipe_dead_reckoning_read(&a->carry, position) ? CARRIED : found;
+    return ipe_dead_reckoning_read(&a->dead_reckoning, position) ? CARRIED : found;
 }
 
 static void count(ipe_align_t* a, ipe_sensor_t sensor, search_t found)
@@ -317,11 +338,9 @@ ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
     ipe_ring_t* imu = &a->ring[IPE_IMU];
     while (imu->cursor < timed(imu)) {
         const int64_t t_ns = stamp(imu, imu->cursor);
-        const bool is_full = imu->head - imu->cursor >= IPE_RING;
-        const bool may_wait = !a->is_ending && !is_full && stamp(imu, timed(imu) - 1) - t_ns <= a->max_wait_ns;
-        const search_t force = search(a, IPE_FORCE, t_ns, may_wait);
+        const search_t force = search(a, IPE_FORCE, t_ns);
         const bool is_fixed = a->position_source == IPE_POSITION_FIXED;
-        search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns, may_wait);
+        search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns);
         if (force == WAIT || position == WAIT) { return IPE_NOT_READY; }
         position = find_position(a, t_ns, position, row->position);
         if (force == FOUND) { fill_row(a, t_ns, row); }

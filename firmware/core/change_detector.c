@@ -5,10 +5,9 @@
 
 #include <string.h>
 
-#define NIS_LIMIT 50.0
-#define CUSUM_DRIFT 12.0
-#define CUSUM_LIMIT 60.0
-
+#define CUSUM_DRIFT \
+    12.0  // NIS, twice its mean of 6: chosen so that noise underrated by a factor of 1.4 raises no alarm
+#define CUSUM_LIMIT 60.0  // NIS: chosen so that five windows at twice the drift raise the alarm (Page 1954)
 void ipe_change_detector_init(ipe_change_detector_t* d)
 {
     memset(d, 0, sizeof *d);
@@ -38,12 +37,12 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
 ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, double nis)
 {
     if (isnan(nis)) { return IPE_CHANGE_DETECTOR_USE; }
-    d->n_outstanding = nis > NIS_LIMIT ? d->n_outstanding + 1 : 0;
+    d->n_outstanding = nis > IPE_CHANGE_DETECTOR_NIS_LIMIT ? d->n_outstanding + 1 : 0;
     if (d->n_outstanding == 1) {
         ++d->n_held;
         return IPE_CHANGE_DETECTOR_HOLD;
     }
-    d->cusum = fmax(0.0, d->cusum + fmin(nis, NIS_LIMIT) - CUSUM_DRIFT);
+    d->cusum = fmax(0.0, d->cusum + fmin(nis, IPE_CHANGE_DETECTOR_NIS_LIMIT) - CUSUM_DRIFT);
     if (d->n_outstanding == 0 && d->cusum <= CUSUM_LIMIT) { return IPE_CHANGE_DETECTOR_USE; }
     d->cusum = 0.0;
     ++d->n_changes;

@@ -11,6 +11,10 @@
 
 #include "types.h"
 
+/// NIS of a window that a change of payload explains better than noise: chi-squared with 6 degrees of freedom exceeds it
+/// once in 2e8 windows. At rest it is the only test: unmodelled drift would accumulate in the CUSUM.
+#define IPE_CHANGE_DETECTOR_NIS_LIMIT 50.0
+
 typedef enum {
     IPE_CHANGE_DETECTOR_USE = 0,
     IPE_CHANGE_DETECTOR_HOLD = 1,

@@ -5,15 +5,15 @@
 #include <math.h>
 #include <string.h>
 
-#define WINDOW_S 60.0          // hull looks back this far
-#define FIRST_BLOCK_S (1.0 / 64.0)
-#define SETTLED_S 1.0          // before, the line may still lie late because the first stamps were
-#define STANDS_S 1e-3          // a line that earlier stamps moved by less stands still
-#define IN_PACE 8              // blocks whose stamps keep the device's pace from the start need not be waited for
-#define PROMPT_S 0.02          // mean lateness of a host that does not stall
-#define PATIENCE_S 5.0         // with one that does
-#define RATE_TOLERANCE 300e-6  // while the rate is taken as 1
-#define RATE_LIMIT 500e-6      // no device's clock is further off
+#define WINDOW_S 60.0  // s that the hull looks back, chosen: long enough for prompt stamps, short for drift
+#define FIRST_BLOCK_S (1.0 / 64.0)  // s, of the first blocks of stamps: chosen so that IN_PACE of them take 1/8 s
+#define SETTLED_S 1.0               // before, the line may still lie late because the first stamps were
+#define STANDS_S 1e-3   // s: a line that earlier stamps moved by less stands still; the accuracy that alignment needs
+#define IN_PACE 8       // blocks whose stamps keep the device's pace from the start need not be waited for
+#define PROMPT_S 0.02   // s, mean lateness of a host that does not stall; `make test-unit T=clock` tries 300 that do
+#define PATIENCE_S 5.0  // s, chosen: how long one that stalls is waited for
+#define RATE_TOLERANCE 300e-6  // while the rate is taken as 1: three times the 100 ppm of a poor quartz
+#define RATE_LIMIT 500e-6      // of a device's clock: five times the 100 ppm of a poor quartz
 // A clock was stepped if
 #define STEP_EARLY_S 0.02     // a stamp is this much before the line;
 #define STEP_BACK_S 0.5       // or device time goes back by this much at once,

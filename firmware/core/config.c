@@ -27,7 +27,7 @@ static void check_range(check_t* c, const char* field, int index, double value, 
                         const char* unit)
 {
     if (value >= low && value <= high) { return; }
-    char allowed[96];
+    char allowed[128];
     (void)snprintf(allowed, sizeof allowed, "allowed %g .. %g %s", low, high, unit);
     refuse(c, field, index, value, allowed);
 }
@@ -157,8 +157,10 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     if (c->good) { check_bindings(c, k); }
     check_all(c, "bus_bitrate", k->bus_bitrate, IPE_BUSES_MAX, 0.0, 1e8, "bit/s");
     check_all(c, "bus_data_bitrate", k->bus_data_bitrate, IPE_BUSES_MAX, 0.0, 1e8, "bit/s");
-    check_range(c, "max_wait", -1, k->max_wait, 0.0, 10.0, "s");
+    check_range(c, "max_wait", -1, k->max_wait, 0.0, IPE_MAX_WAIT, "s");
     check_all(c, "max_age", k->max_age, IPE_SENSOR_COUNT, 1e-6, 10.0, "s");
+    check_range(c, "max_wait * sample_rate", -1, k->max_wait * k->sample_rate, 0.0, IPE_WAIT_MAX,
+                "samples, the buffers' capacity: lower max_wait");
     check_range(c, "max_carry", -1, k->max_carry, 0.0, 10.0, "s");
     check_all(c, "delay", k->delay, IPE_SENSOR_COUNT, -1.0, 1.0, "s");
     check_all(c, "acc_bias", k->acc_bias, 3, -20.0, 20.0, "m/s2");

@@ -10,6 +10,10 @@
 
 #include <stddef.h>
 
+/// s, correlation time of std_attitude_wander. A third of it, or three times it, changes no error by a tenth (simulated
+/// CoGiRo, firmware/DESIGN.md, "States").
+#define IPE_WANDER_TIME 20.0
+
 typedef struct {
     double anchor[3];          ///< pulley entry point or point anchor, W, m
     double attachment[3];      ///< P, m
@@ -39,6 +43,8 @@ typedef struct {
     int32_t mux_length;
     int64_t mux_value;
 } ipe_signal_t;
+
+#define IPE_MAX_WAIT 10.0  // s, largest max_wait
 
 typedef enum { IPE_ATTITUDE_QUATERNION = 1, IPE_ATTITUDE_RPY = 2 } ipe_attitude_source_t;
 typedef enum { IPE_POSITION_TRACKER = 0, IPE_POSITION_FIXED = 1, IPE_POSITION_CAN = 2 } ipe_position_source_t;

@@ -25,11 +25,9 @@ bool ipe_consistency_check(const double theta[IPE_NP])
     return all_finite(theta, IPE_NP) && cholesky(&Pi[0][0], 4);
 }
 
-#define MARGIN 2e-3  // smallest eigenvalue that is aimed at, of the scaled Pi's trace
-#define CUTS_MAX 24
-#define HILDRETH_SWEEPS 200
-
-/// Lengths in units of this, m, make the entries of Pi alike: the radius of gyration, where theta has one.
+#define MARGIN 2e-3          // smallest eigenvalue that is aimed at, of the scaled Pi's trace
+#define CUTS_MAX 24          // cuts: chosen at six times the eigenvalues that there are
+#define HILDRETH_SWEEPS 200  // over the active cuts: chosen so that the multipliers stand still
 static double unit_length(const double theta[IPE_NP])
 {
     const double squared = 0.5 * (theta[4] + theta[5] + theta[6]) / theta[0];

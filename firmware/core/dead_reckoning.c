@@ -2,17 +2,16 @@
 #include "dead_reckoning.h"
 
 #include "smallmat.h"
-#include "filter_states.h"
 
 #include <string.h>
 
-#define TRACKER_STD 2e-3  // m, of one sample
-#define START_STD 2.0     // m/s, velocity when first seen
-#define ACC_DENSITY 5e-3  // m/s2/rtHz: accelerometer, vibration, and what steps of the sampling leave
-#define TURN_TIME 0.5     // s that an acceleration lasts
-#define SIGMAS 6.0        // and
-#define JUMP 0.05         // m: a position further off contradicts what was known
-#define STD_MAX 0.03      // m, of a position that rows are made from
+#define TRACKER_STD 2e-3  // m, of one sample: between the simulated trackers, 1 and 3 mm
+#define START_STD 2.0     // m/s, velocity when first seen: chosen over what cable robots reach
+#define ACC_DENSITY 5e-3  // m/s2/rtHz, chosen: accelerometer, vibration and what steps of the sampling leave
+#define TURN_TIME 0.5     // s that an acceleration lasts: chosen as the period of a brisk motion
+#define SIGMAS 6.0        // of a position, and
+#define JUMP 0.05         // m: chosen so that only a position further off starts the filter anew
+#define STD_MAX 0.03      // m, chosen: of a position that rows are made from
 
 enum { PP, PV, PB, VV, VB, BB };
 

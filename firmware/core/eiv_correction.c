@@ -6,8 +6,8 @@
 
 #include <string.h>
 
-#define NEGLIGIBLE 1e-9  // share of noise in all information
-#define UNCERTAIN 0.1    // of C
+#define NEGLIGIBLE 1e-9  // trace of the share of noise in all information: chosen so that rounding is not corrected
+#define UNCERTAIN 0.1    // of C, one sigma: what a density from 250 blocks is known to (noise_density.h)
 
 void ipe_eiv_correction_add(ipe_eiv_correction_t* a, const ipe_average_t* average, double level)
 {

@@ -3,43 +3,87 @@
 
 #include "smallmat.h"
 
+#include <stddef.h>
 #include <string.h>
 
-#define SMALLEST_STD 1e-12  // of what is declared perfect: the factored filter needs D > 0
-#define RIDGE 1e-9          // of the wrench matrix squared: with fewer cables than six it is singular
-#define LONGEST_FADE 5.0    // correlation times: more is forgotten anyway
+#define SMALLEST_STD 1e-12  // any unit: chosen so that D > 0 in the factored filter for what is declared perfect
+#define RIDGE 1e-9          // of the trace of the wrench matrix squared, which is singular with fewer than six cables
+#define LONGEST_FADE 5.0    // correlation times, after which 0.7 % of wander is left; chosen so that exp() stays normal
+#define SMALLEST_LIFT 1e-9  // of the resultant: rounding, not a direction
 
-enum { PATTERN_STATES = 3 * IPE_PATTERNS, WANDER_STATES = 3 };
+enum { NO_XI = -1 };
 
-static int pattern_at(int n_cables)
+/// The blocks of the filter, in the order of ipe_block_t. To add one: a line here, its name there, its rows below.
+static const struct {
+    const char* name;
+    int count, per_cable;  ///< states: count + per_cable m
+    int xi, xi_per_cable;  ///< first column of systematic.h, xi + xi_per_cable m; NO_XI: none
+    size_t std;            ///< offset of the prior sigma in ipe_config_t; theta has prior_covariance
+} BLOCK[IPE_BLOCKS] = {
+#define STD(field) offsetof(ipe_config_t, field)
+    [IPE_BLOCK_THETA] = {"theta", IPE_NP, 0, NO_XI, 0, 0},
+    [IPE_BLOCK_ATTITUDE] = {"attitude", 3, 0, IPE_XI_ATTITUDE, 0, STD(std_attitude)},
+    [IPE_BLOCK_YAW] = {"yaw", 1, 0, IPE_XI_YAW, 0, STD(std_world_yaw)},
+    [IPE_BLOCK_ACC_BIAS] = {"acc_bias", 3, 0, IPE_XI_ACC_BIAS, 0, STD(std_acc_bias)},
+    [IPE_BLOCK_ALIGNMENT] = {"alignment", 3, 0, IPE_XI_ALIGNMENT, 0, STD(std_imu_alignment)},
+    [IPE_BLOCK_POSITION_DELAY] = {"position_delay", 1, 0, IPE_XI_POSITION_DELAY, 0, STD(std_position_delay)},
+    [IPE_BLOCK_FORCE_OFFSET] = {"force_offset", 0, 1, IPE_XI_FORCE, 0, STD(std_force_offset)},
+    [IPE_BLOCK_FORCE_GAIN] = {"force_gain", 0, 1, IPE_XI_FORCE, 1, STD(std_force_gain)},
+    [IPE_BLOCK_PATTERN] = {"pattern", 3 * IPE_PATTERNS, 0, NO_XI, 0, STD(std_geometry)},
+    [IPE_BLOCK_WANDER] = {"wander", IPE_WANDERS, 0, IPE_XI_ATTITUDE, 0, STD(std_attitude_wander)},
+#undef STD
+};
+
+static double prior_std(const ipe_config_t* config, int block)
 {
-    return IPE_NP + ipe_systematic_filter_count(n_cables);
+    double std;
+    memcpy(&std, (const char*)config + BLOCK[block].std, sizeof std);
+    return fmax(std, SMALLEST_STD);
 }
 
-static int wander_at(int n_cables)
+static void lay_out(ipe_filter_layout_t* layout, int n_cables)
 {
-    return pattern_at(n_cables) + PATTERN_STATES;
+    layout->n = 0;
+    for (int b = 0; b < IPE_BLOCKS; ++b) {
+        layout->first[b] = layout->n;
+        layout->count[b] = BLOCK[b].count + BLOCK[b].per_cable * n_cables;
+        layout->n += layout->count[b];
+    }
 }
 
-int ipe_filter_states_count(int n_cables)
-{
-    return wander_at(n_cables) + WANDER_STATES;
-}
-
-void ipe_filter_states_std(const ipe_config_t* config, double std[IPE_NX_MAX - IPE_NP])
-{
-    double all[IPE_XI_MAX];
-    const int n_xi = ipe_systematic_filter_count(config->n_cables);
-    ipe_systematic_std(config, all);
-    memcpy(std, all, sizeof(double) * (size_t)n_xi);
-    for (int i = 0; i < PATTERN_STATES; ++i) { std[n_xi + i] = config->std_geometry; }
-    for (int i = 0; i < WANDER_STATES; ++i) { std[n_xi + PATTERN_STATES + i] = config->std_attitude_wander; }
-    for (int i = 0; i < n_xi + PATTERN_STATES + WANDER_STATES; ++i) { std[i] = fmax(std[i], SMALLEST_STD); }
-}
-
-void ipe_filter_states_init(ipe_filter_states_t* s)
+void ipe_filter_states_init(ipe_filter_states_t* s, const ipe_config_t* config)
 {
     memset(s, 0, sizeof *s);
+    lay_out(&s->layout, config->n_cables);
+}
+
+const char* ipe_filter_states_name(ipe_block_t block)
+{
+    return BLOCK[block].name;
+}
+
+void ipe_filter_states_std(const ipe_filter_layout_t* layout, const ipe_config_t* config,
+                           double std[IPE_NX_MAX - IPE_NP])
+{
+    for (int b = IPE_BLOCK_THETA + 1; b < IPE_BLOCKS; ++b) {
+        double* of_block = std + layout->first[b] - IPE_NP;
+        for (int i = 0; i < layout->count[b]; ++i) { of_block[i] = prior_std(config, b); }
+    }
+}
+
+void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_config_t* config, int64_t t_ns, ipe_rls_t* rls)
+{
+    const int first = s->layout.first[IPE_BLOCK_WANDER], end = first + s->layout.count[IPE_BLOCK_WANDER];
+    if (s->t_ns != 0) {
+        const double elapsed = 1e-9 * (double)(t_ns - s->t_ns) / IPE_WANDER_TIME;
+        const double fade = exp(-fmin(fmax(elapsed, 0.0), LONGEST_FADE));
+        const double std = prior_std(config, IPE_BLOCK_WANDER);
+        for (int i = first; i < end; ++i) {
+            ipe_rls_fade(rls, i, fade);
+            ipe_rls_loosen(rls, i, std * std * (1.0 - fade * fade));
+        }
+    }
+    s->t_ns = t_ns;
 }
 
 /// Force of each cable, P axes, N: its gain column is that force.
@@ -82,7 +126,7 @@ static void choose_patterns(ipe_filter_states_t* s, const double F[IPE_CABLES_MA
 {
     double up[3] = {0.0}, direction[IPE_PATTERNS][3], lift[IPE_CABLES_MAX];
     for (int i = 0; i < m; ++i) { vec3_axpy(up, 1.0, F[i], up); }
-    const double least = 1e-9 * vec3_norm(up);
+    const double least = SMALLEST_LIFT * vec3_norm(up);
     normalise(up, 3, 0.0);
     across(up, direction[0], direction[1]);
     for (int i = 0; i < m; ++i) {
@@ -97,21 +141,31 @@ static void choose_patterns(ipe_filter_states_t* s, const double F[IPE_CABLES_MA
     }
 }
 
-/// -G: what c_k does to the moment, minus sum_i pattern_k,i (c_k x F_i).
-static void pattern_columns(const ipe_filter_states_t* s, const double F[IPE_CABLES_MAX][3], int m, int at, int n,
-                            double* H)
+/// -G: the moment of c_k, minus sum_i pattern_k,i (c_k x F_i).
+static void pattern_columns(const ipe_filter_states_t* s, const double F[IPE_CABLES_MAX][3], int m, double* H)
 {
-    for (int k = 0; k < IPE_PATTERNS; ++k) {
-        double pull[3] = {0.0};
-        for (int i = 0; i < m; ++i) { vec3_axpy(pull, s->pattern[k][i], F[i], pull); }
-        for (int axis = 0; axis < 3; ++axis) {
-            double unit[3] = {0.0}, moment[3];
-            unit[axis] = 1.0;
-            vec3_cross(unit, pull, moment);
-            for (int j = 0; j < 3; ++j) {
-                H[j * n + at + 3 * k + axis] = 0.0;
-                H[(3 + j) * n + at + 3 * k + axis] = -moment[j];
-            }
+    const int n = s->layout.n, first = s->layout.first[IPE_BLOCK_PATTERN];
+    for (int column = 0; column < s->layout.count[IPE_BLOCK_PATTERN]; ++column) {
+        double pull[3] = {0.0}, unit[3] = {0.0}, moment[3];
+        for (int i = 0; i < m; ++i) { vec3_axpy(pull, s->pattern[column / 3][i], F[i], pull); }
+        unit[column % 3] = 1.0;
+        vec3_cross(unit, pull, moment);
+        for (int j = 0; j < 3; ++j) {
+            H[j * n + first + column] = 0.0;
+            H[(3 + j) * n + first + column] = -moment[j];
+        }
+    }
+}
+
+/// -X: the columns of the blocks that have a place in systematic.h.
+static void systematic_columns(const ipe_filter_layout_t* layout, const double X[IPE_NY][IPE_XI_MAX], int m, double* H)
+{
+    for (int b = 0; b < IPE_BLOCKS; ++b) {
+        if (BLOCK[b].xi == NO_XI) { continue; }
+        const int xi = BLOCK[b].xi + BLOCK[b].xi_per_cable * m;
+        for (int j = 0; j < IPE_NY; ++j) {
+            double* row = H + j * layout->n + layout->first[b];
+            for (int i = 0; i < layout->count[b]; ++i) { row[i] = -X[j][xi + i]; }
         }
     }
 }
@@ -119,17 +173,14 @@ static void pattern_columns(const ipe_filter_states_t* s, const double F[IPE_CAB
 void ipe_filter_states_rows(ipe_filter_states_t* s, const ipe_config_t* config, const double Y[IPE_NY][IPE_NP],
                             const double X[IPE_NY][IPE_XI_MAX], double* H)
 {
-    const int m = config->n_cables, n = ipe_filter_states_count(m), n_xi = ipe_systematic_filter_count(m);
+    const int m = config->n_cables;
     double F[IPE_CABLES_MAX][3];
-    for (int j = 0; j < IPE_NY; ++j) {
-        double* row = H + j * n;
-        memcpy(row, Y[j], sizeof Y[j]);
-        for (int i = 0; i < n_xi; ++i) { row[IPE_NP + i] = -X[j][i]; }
-        for (int i = 0; i < WANDER_STATES; ++i) { row[wander_at(m) + i] = -X[j][IPE_XI_ATTITUDE + i]; }
-    }
+    for (int j = 0; j < IPE_NY; ++j) { memcpy(H + j * s->layout.n, Y[j], sizeof Y[j]); }
+    systematic_columns(&s->layout, X, m, H);
     cable_forces(config, X, F);
-    if (s->t_ns == 0) { choose_patterns(s, F, m); }
-    pattern_columns(s, F, m, pattern_at(m), n, H);
+    if (!s->has_patterns) { choose_patterns(s, (const double (*)[3])F, m); }
+    s->has_patterns = true;
+    pattern_columns(s, (const double (*)[3])F, m, H);
 }
 
 /// The part of the innovation that is noise: V (S + V)^-1 innovation, V = L L^T. False if S + V is not positive definite.
@@ -152,11 +203,13 @@ static bool noise_part(const double innovation[IPE_NY], const double S[IPE_NY][I
     return true;
 }
 
-void ipe_filter_states_denoise_gain_columns(const ipe_config_t* config, const double f[IPE_CABLES_MAX],
+void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double f[IPE_CABLES_MAX],
                                             const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
                                             const double L[IPE_NY][IPE_NY], double* H)
 {
-    const int m = config->n_cables, n = ipe_filter_states_count(m), offset = IPE_NP + IPE_XI_FORCE, gain = offset + m;
+    const ipe_filter_layout_t* at = &s->layout;
+    const int n = at->n, m = at->count[IPE_BLOCK_FORCE_GAIN];
+    const int offset = at->first[IPE_BLOCK_FORCE_OFFSET], gain = at->first[IPE_BLOCK_FORCE_GAIN];
     double noise[IPE_NY], B[IPE_NY][IPE_NY] = {{0.0}}, trace = 0.0;
     if (!noise_part(innovation, S, L, noise)) { return; }
     for (int i = 0; i < IPE_NY; ++i) {  // the wrench of a tension is its offset's column
@@ -169,22 +222,8 @@ void ipe_filter_states_denoise_gain_columns(const ipe_config_t* config, const do
     if (!cholesky(&B[0][0], IPE_NY)) { return; }
     cholesky_solve(&B[0][0], IPE_NY, noise, noise);
     for (int k = 0; k < m; ++k) {
-        double quiet = f[k];
-        for (int j = 0; j < IPE_NY; ++j) { quiet -= H[j * n + offset + k] * noise[j]; }
-        for (int j = 0; j < IPE_NY; ++j) { H[j * n + gain + k] = H[j * n + offset + k] * quiet; }
+        double denoised = f[k];
+        for (int j = 0; j < IPE_NY; ++j) { denoised -= H[j * n + offset + k] * noise[j]; }
+        for (int j = 0; j < IPE_NY; ++j) { H[j * n + gain + k] = H[j * n + offset + k] * denoised; }
     }
-}
-
-void ipe_filter_states_advance(ipe_filter_states_t* s, const ipe_config_t* config, int64_t t_ns, ipe_rls_t* rls)
-{
-    if (s->t_ns != 0) {
-        const double elapsed = 1e-9 * (double)(t_ns - s->t_ns) / IPE_WANDER_TIME;
-        const double fade = exp(-fmin(fmax(elapsed, 0.0), LONGEST_FADE));
-        const double std = fmax(config->std_attitude_wander, SMALLEST_STD);
-        for (int i = wander_at(config->n_cables); i < rls->n; ++i) {
-            ipe_rls_fade(rls, i, fade);
-            ipe_rls_loosen(rls, i, std * std * (1.0 - fade * fade));
-        }
-    }
-    s->t_ns = t_ns;
 }

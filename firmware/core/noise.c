@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-#define PRIOR_WINDOWS 10.0  // the configured covariance counts for so many
-#define FLOOR 1e-4          // of the configured variance: less is not believed
+#define PRIOR_WINDOWS 10.0  // the configured covariance counts for so many: chosen so that it decides for 1 s only
+#define FLOOR 1e-4  // of the configured variance: chosen as 1 % of its sigma, below which quantisation is all there is
 
 ipe_status_t ipe_noise_init(ipe_noise_t* s, const double C[IPE_NY][IPE_NY])
 {

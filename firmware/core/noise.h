@@ -13,8 +13,6 @@
 
 #include "types.h"
 
-enum { IPE_NOISE_LAGS = 25 };
-
 typedef struct {
     double prior[IPE_NY];                ///< diagonal of the configured covariance
     double factor[IPE_NY][IPE_NY];       ///< its Cholesky factor

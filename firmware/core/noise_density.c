@@ -5,9 +5,9 @@
 #include <string.h>
 
 #define GAIN 70.0F   // 1 + 16 + 36 + 16 + 1: squares of the fourth difference's weights
-#define MEMORY 250   // blocks
-#define SPIKE 25.0F  // times the mean square: a glitch counts for no more
-#define SURE 20      // squares before anything is called a glitch
+#define MEMORY 250   // blocks: chosen so that a density is known to a tenth, sqrt(2/250)
+#define SPIKE 25.0F  // of the mean square: 5 sigma, which noise exceeds once in 2e6 samples
+#define SURE 20      // squares before anything is called a glitch: their mean is known to a third, sqrt(2/20)
 
 void ipe_noise_density_restart(ipe_noise_density_t* x)
 {

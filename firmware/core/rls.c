@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#define LARGEST 1e15  // standard deviations; no sensor reads more, and its square still is a number
+#define LARGEST 1e15  // standard deviations: no sensor reads more, and its square is finite in double
 
 static int column(int j)
 {

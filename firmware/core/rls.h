@@ -6,19 +6,13 @@
 ///       lambda = -f_j/a_{j-1},  for i < j: (U_ij, b_i) = (U_ij + b_i lambda, b_i + g_j U_ij old),  b_j = g_j
 ///   x += b (y - h x)/a_n.   a_n is the innovation's variance.
 /// Equals batch least squares with the prior as extra rows; stays positive definite in double over 1e7 updates.
-/// The first IPE_NP states are theta; the others are the systematic parameters the robot's filter carries.
+/// The first IPE_NP states are theta; filter_states.h names the others.
 /// Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V; firmware/DESIGN.md, "Filter".
 /// n (n + 3) 4 bytes in use: 9.0 KB for 8 cables; 3/2 n^2 multiplications per row; no heap, one thread.
 #ifndef IPE_RLS_H
 #define IPE_RLS_H
 
-#include "systematic.h"
 #include "types.h"
-
-enum {
-    IPE_NX_MAX = IPE_NP + IPE_XI_FILTER_MAX + 9,  ///< theta, the systematic parameters, what else filter_states.h has
-    IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,
-};
 
 typedef struct {
     int n;                 ///< states, IPE_NP .. IPE_NX_MAX

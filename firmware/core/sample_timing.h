@@ -15,8 +15,6 @@
 #include "clock.h"
 #include "types.h"
 
-enum { IPE_SAMPLE_TIMING_HOLD = 64 };  ///< samples held at most; fewer than a ring of align.h has
-
 typedef struct {
     double period;        ///< s; 0: not measured yet
     uint64_t index;       ///< of the newest settled sample

@@ -4,13 +4,13 @@
 #include <math.h>
 #include <string.h>
 
-#define STUCK_NS 250000000LL     // unchanged for this long
-#define STUCK_SAMPLES 8          // and so many samples
-#define SMOOTHING_S 0.2F         // of the specific force
-#define SETTLED_NS 1000000000LL  // then it is a mean
-#define MOVED 0.2F               // m/s2
-#define RESOLUTION_STEPS 4.0     // of a force signal that the motion must be worth
-#define FORCES_MOVED 0.05F       // of their sum
+#define STUCK_NS 250000000LL     // unchanged for 0.25 s, the default max_age of a position,
+#define STUCK_SAMPLES 8          // and so many samples: chosen so that slow sensors may repeat a value
+#define SMOOTHING_S 0.2F         // s, of the specific force: chosen to average vibration and to follow motion
+#define SETTLED_NS 1000000000LL  // ns, five times SMOOTHING_S: then it is a mean
+#define MOVED 0.2F               // m/s2: chosen over the noise of that mean
+#define RESOLUTION_STEPS 4.0     // of a force signal: chosen so that quantisation is not called stuck
+#define FORCES_MOVED 0.05F       // of their sum: chosen so that swing is not called motion
 
 void ipe_stuck_sensor_init(ipe_stuck_sensor_t* k, const ipe_config_t* config)
 {

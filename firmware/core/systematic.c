@@ -5,9 +5,13 @@
 #include "smallmat.h"
 #include "wrench.h"
 
+#include <assert.h>
+#include <stdio.h>
 #include <string.h>
 
-#define STEP 1e-4  // m and rad of the central differences
+static_assert(IPE_XI_FILTER_MAX == IPE_XI_FORCE + 2 * IPE_CABLES_MAX, "sizes in dims.h");
+
+#define STEP 1e-4  // m and rad of the central differences: error 1e-8 relative by truncation, 1e-11 by rounding
 
 int ipe_systematic_count(int n_cables)
 {
@@ -17,6 +21,26 @@ int ipe_systematic_count(int n_cables)
 int ipe_systematic_filter_count(int n_cables)
 {
     return IPE_XI_FORCE + 2 * n_cables;
+}
+
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX])
+{
+    const struct {
+        const char* name;
+        int n;
+        bool is_per_cable;
+    } group[] = {{"attitude_bias", 3, false},    {"world_yaw", 1, false},      {"acc_bias", 3, false},
+                 {"imu_alignment", 3, false},    {"position_delay", 1, false}, {"force_offset", n_cables, true},
+                 {"force_gain", n_cables, true}, {"gyro_bias", 3, false},      {"force_delay", 1, false}};
+    size_t g = 0;
+    while (index >= group[g].n) { index -= group[g++].n; }
+    if (group[g].is_per_cable) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%d", group[g].name, (index + 1) % 100);
+    } else if (group[g].n == 3) {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s_%c", group[g].name, "xyz"[index]);
+    } else {
+        (void)snprintf(name, IPE_SYSTEMATIC_NAME_MAX, "%s", group[g].name);
+    }
 }
 
 static void fill(double* out, int n, double value)

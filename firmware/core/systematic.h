@@ -22,13 +22,16 @@ enum {
     IPE_XI_ALIGNMENT = 7,        ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
     IPE_XI_POSITION_DELAY = 10,  ///< s
     IPE_XI_FORCE = 11,  ///< offsets m [N], then gains m; after them gyro bias 3 [rad/s, I axes], force delay 1 [s]
-    IPE_XI_FILTER_MAX = IPE_XI_FORCE + 2 * IPE_CABLES_MAX,
-    IPE_XI_MAX = IPE_XI_FILTER_MAX + 4,
 };
 
 /// Number of systematic parameters of a robot with n_cables, and how many of them, the first, the filter carries.
 int ipe_systematic_count(int n_cables);
 int ipe_systematic_filter_count(int n_cables);
+
+/// Write the name of parameter index of a robot with n_cables into name: "acc_bias_x", "force_offset_3". Index below
+/// ipe_systematic_count(n_cables).
+enum { IPE_SYSTEMATIC_NAME_MAX = 24 };
+void ipe_systematic_name(int n_cables, int index, char name[IPE_SYSTEMATIC_NAME_MAX]);
 
 /// One sigma [ipe_systematic_count()] of each, from the configuration's std_*.
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX]);

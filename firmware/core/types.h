@@ -1,22 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Sizes, status codes and the values that pass between stages.
+/// Status codes and the values that pass between stages.
 ///
 /// Frames of reference: W world (z up), P platform, I IMU; S sensor axes as measured. SI units throughout; host time is
 /// int64 nanoseconds of the host's real-time clock, always an argument. No stage reads a clock, allocates or does I/O.
 #ifndef IPE_TYPES_H
 #define IPE_TYPES_H
 
+#include "dims.h"
+
 #include <stdbool.h>
 #include <stdint.h>
-
-enum {
-    IPE_CABLES_MAX = 16,
-    IPE_BUSES_MAX = 8,
-    IPE_SIGNALS_MAX = 64,
-    IPE_DATA_MAX = 64,  ///< bytes in a CAN FD frame
-    IPE_NP = 10,        ///< inertial parameters: m, h (3), J (6)
-    IPE_NY = 6,         ///< force and moment
-};
 
 /// < 0: refused, state unchanged but for a counter.  0: done.  > 0: normal, but nothing to pass on yet.
 typedef enum {

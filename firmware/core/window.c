@@ -6,18 +6,18 @@
 #include <math.h>
 #include <string.h>
 
-#define GAP_PERIODS 1.8                // rows further apart than this have lost one between them
-#define GAP_FRACTION (1.0 / 40.0)      // of the window: a gap shorter than this does no harm
-#define MIN_QUARTER 2                  // samples per quarter window
-#define STEP_BACK_S 1.0                // a stamp this far back: the clock was stepped, start again
-#define BLOCKS_PER_QUARTER 8.0         // that tell the white noise
+#define GAP_PERIODS 1.8            // between rows: chosen under 2, so that one lost row is seen in spite of jitter
+#define GAP_FRACTION (1.0 / 40.0)  // of the window, 10 ms of 0.4 s: chosen so that a shorter gap does no harm
+#define MIN_QUARTER 2              // samples per quarter window: the least that gives the kernel a shape
+#define STEP_BACK_S 1.0            // s, chosen over any reordering: a stamp this far back means the clock was stepped
+#define BLOCKS_PER_QUARTER 8.0     // of noise_density.h: chosen so that their differences see no motion
 #define KERNEL_SQUARE (151.0 / 315.0)  // integral of the B-spline squared, quarters
 #define SLOPE_SQUARE (2.0 / 3.0)       // integral of its derivative squared, per quarter cubed
 
 static void set_period(ipe_window_t* x, double period)
 {
     const double quarter = fmax(MIN_QUARTER, round(0.25 * x->window_length / period));
-    memset(&x->white, 0, sizeof x->white);
+    memset(&x->noise_density, 0, sizeof x->noise_density);
     x->period = period;
     x->length = 4.0 * quarter * period;
     x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, 1.01 * period));
@@ -71,7 +71,7 @@ static void restart(ipe_window_t* x, int64_t t_ns)
     x->origin_ns = t_ns;
     x->first = 0;
     x->spacing = 0.0;
-    ipe_noise_density_restart(&x->white);
+    ipe_noise_density_restart(&x->noise_density);
 }
 
 void ipe_window_restart(ipe_window_t* x)
@@ -126,7 +126,7 @@ static void noise_of_averages(const ipe_window_t* x, ipe_average_t* average)
 {
     const double quarter = 0.25 * x->length;
     double density[IPE_NOISE_DENSITY_CHANNELS];
-    ipe_noise_density_density(&x->white, block_length(x) * x->period, density);
+    ipe_noise_density_density(&x->noise_density, block_length(x) * x->period, density);
     for (int i = 0; i < 3; ++i) {
         average->s_variance[i] = KERNEL_SQUARE / quarter * density[i];
         average->alpha_variance[i] = SLOPE_SQUARE / (quarter * quarter * quarter) * density[3 + i];
@@ -194,7 +194,7 @@ ipe_status_t ipe_window_push(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* 
         x->spacing = interval;
         const double* s = motion->s;
         const double* w = motion->w;
-        ipe_noise_density_push(&x->white, (double[]){s[0], s[1], s[2], w[0], w[1], w[2]}, block_length(x));
+        ipe_noise_density_push(&x->noise_density, (double[]){s[0], s[1], s[2], w[0], w[1], w[2]}, block_length(x));
     }
     remember(x, t_ns, motion, wrench);
     return status;

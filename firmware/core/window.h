@@ -17,11 +17,6 @@
 #include "types.h"
 #include "noise_density.h"
 
-enum {
-    IPE_WINDOWS_OPEN = 4,
-    IPE_WINDOW_MEASURED = 24,  ///< intervals looked at before the period is believed
-};
-
 /// Averages of one finished window.
 typedef struct {
     int64_t t_ns;                    ///< its middle
@@ -80,18 +75,16 @@ typedef struct {
         int64_t t_ns;
         double channel[IPE_CHANNELS];
         double R[3][3];
-    } previous;                                ///< the row that waits for its successor's stamp
-    double spacing;                            ///< s between previous and the one before
-    int n_measured;                            ///< intervals seen while measuring the period
-    union {
-        double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
-        ipe_noise_density_t white;             ///< once the period is known: noise of s and w
-    };
+    } previous;                            ///< the row that waits for its successor's stamp
+    double spacing;                        ///< s between previous and the one before
+    int n_measured;                        ///< intervals seen while measuring the period
+    double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
+    ipe_noise_density_t noise_density;     ///< once the period is known: of s and w
 
-    uint64_t n_rows;       ///< taken in
-    uint64_t n_windows;    ///< finished
-    uint64_t n_restarts;   ///< gaps that threw the open windows away
-    uint64_t n_backwards;  ///< rows refused: stamp not after the one before
+    uint64_t n_rows;                       ///< taken in
+    uint64_t n_windows;                    ///< finished
+    uint64_t n_restarts;                   ///< gaps that threw the open windows away
+    uint64_t n_backwards;                  ///< rows refused: stamp not after the one before
 } ipe_window_t;
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { VERSION = 4, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
+enum { VERSION = 5, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
 static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
 
@@ -24,7 +24,8 @@ static void take_state(const ipe_checkpoint_t* c, const ipe_pipeline_t* p, ipe_c
     s->version = VERSION;
     s->size = sizeof *s;
     s->fingerprint = c->fingerprint;
-    ipe_pipeline_learnt(p, &s->learnt);
+    s->estimator = p->estimator;
+    memcpy(s->gyro_bias, p->config.gyro_bias, sizeof s->gyro_bias);
     s->period = p->window.period;
     s->length = p->window.length;
     s->max_gap = p->window.max_gap;
@@ -33,7 +34,7 @@ static void take_state(const ipe_checkpoint_t* c, const ipe_pipeline_t* p, ipe_c
 /// Time went by meanwhile: no window follows one from before.
 static void give_state(const ipe_checkpoint_state_t* s, ipe_pipeline_t* p)
 {
-    ipe_pipeline_continue(p, &s->learnt);
+    ipe_pipeline_continue(p, &s->estimator, s->gyro_bias);
     p->window.period = s->period;
     p->window.length = s->length;
     p->window.max_gap = s->max_gap;
@@ -41,12 +42,13 @@ static void give_state(const ipe_checkpoint_state_t* s, ipe_pipeline_t* p)
 
 static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* p)
 {
-    const ipe_learnt_t* l = &s->learnt;
-    bool good = l->rls.n == p->rls.n && ipe_rls_invariants_hold(&l->rls) && l->estimate.n_windows > 0 &&
-                l->estimate.n_systematic == ipe_systematic_filter_count(p->config.n_cables) &&
-                isfinite(l->detect.cusum);
-    for (int i = 0; i < IPE_NY; ++i) { good = good && l->noise.L[i][i] > 0.0 && isfinite(l->noise.L[i][i]); }
-    for (int i = 0; i < 3; ++i) { good = good && fabs(l->gyro_bias[i]) <= GYRO_BIAS_MAX; }
+    const ipe_estimator_t *e = &s->estimator, *like = &p->estimator;
+    bool good = e->rls.n == like->rls.n && ipe_rls_invariants_hold(&e->rls) && e->estimate.n_windows > 0 &&
+                memcmp(&e->filter_states.layout, &like->filter_states.layout, sizeof like->filter_states.layout) == 0 &&
+                e->estimate.n_systematic == ipe_systematic_filter_count(p->config.n_cables) &&
+                isfinite(e->change_detector.cusum);
+    for (int i = 0; i < IPE_NY; ++i) { good = good && e->noise.L[i][i] > 0.0 && isfinite(e->noise.L[i][i]); }
+    for (int i = 0; i < 3; ++i) { good = good && fabs(s->gyro_bias[i]) <= GYRO_BIAS_MAX; }
     return good && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;
 }
 
@@ -149,7 +151,9 @@ void ipe_checkpoint_configure(ipe_checkpoint_t* c, const uint8_t* config, size_t
 
 void ipe_checkpoint_save(ipe_checkpoint_t* c, const ipe_pipeline_t* p)
 {
-    if (p->estimate.n_windows == 0 || atomic_load(&c->is_busy) || !ipe_pipeline_invariants_hold(p)) { return; }
+    if (p->estimator.estimate.n_windows == 0 || atomic_load(&c->is_busy) || !ipe_pipeline_invariants_hold(p)) {
+        return;
+    }
     take_state(c, p, &c->state);
     atomic_store(&c->is_busy, true);
     (void)sem_post(&c->wake);
@@ -161,7 +165,7 @@ int ipe_checkpoint_close(ipe_checkpoint_t* c, const ipe_pipeline_t* p)
     (void)sem_post(&c->wake);
     (void)pthread_join(c->thread, NULL);  // what it was writing is written
     (void)sem_destroy(&c->wake);
-    if (p->estimate.n_windows == 0 || !ipe_pipeline_invariants_hold(p)) { return 0; }
+    if (p->estimator.estimate.n_windows == 0 || !ipe_pipeline_invariants_hold(p)) { return 0; }
     const uint64_t n_errors = atomic_load(&c->n_errors);
     take_state(c, p, &c->state);
     write_file(c);

@@ -23,7 +23,8 @@ typedef struct {
     uint32_t version;                ///< raised with every change of what follows
     uint32_t size;                   ///< of this
     uint64_t fingerprint;            ///< of the configuration
-    ipe_learnt_t learnt;
+    ipe_estimator_t estimator;
+    double gyro_bias[3];             ///< as configured or tared, I axes, rad/s
     double period, length, max_gap;  ///< of the window, s
 } ipe_checkpoint_state_t;
 

@@ -116,7 +116,7 @@ static void put_counters(text_t* t, const ipe_counters_t* counters)
 
 static void put_run(text_t* t, const ipe_run_t* run)
 {
-    const ipe_estimate_t* estimate = &run->pipeline->estimate;
+    const ipe_estimate_t* estimate = &run->pipeline->estimator.estimate;
     put(t, "{\n  \"method\": \"rls\",\n");
     if (estimate->n_windows > 0) {
         put_estimate(t, estimate, &run->pipeline->config);
@@ -126,7 +126,7 @@ static void put_run(text_t* t, const ipe_run_t* run)
     put(t,
         "  \"samples\": {\"frames\": %" PRIu64 ", \"used\": %" PRIu64 ", \"rejected\": %" PRIu64
         ", \"windows\": %" PRIu64 "},\n",
-        run->n_frames, run->pipeline->n_rows, run->n_rejected, estimate->n_windows);
+        run->n_frames, run->pipeline->estimator.n_rows, run->n_rejected, estimate->n_windows);
     put(t, "  \"duration_s\": %.17g,\n", run->duration);
     put_counters(t, run->counters);
     put(t, "}\n");

@@ -5,6 +5,7 @@
 #include "inertiad_lcm_event_t.h"
 #include "inertiad_lcm_health_t.h"
 #include "inertiad_lcm_host_t.h"
+#include "inertiad_lcm_order_t.h"
 #include "inertiad_lcm_raw_t.h"
 #include "inertiad_lcm_signals_t.h"
 #include "inertiad_lcm_tracker_t.h"
@@ -14,7 +15,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { PREFIX_MAX = 40 };
+enum { PREFIX_MAX = 40, RAW_PER_ORDER = 6 };  // about 0.1 s
 static const int64_t BLOCK_NS = 16000000;
 
 /// Fields and their counterparts in a message have the same size, or this does not compile.
@@ -33,8 +34,8 @@ static bool is_good_prefix(const char* prefix)
 
 static void name_channels(ipe_publish_t* p, const char* prefix)
 {
-    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",  "SIGNALS", "ESTIMATE", "HEALTH", "EVENT",
-                                                        "HOST", "TRACKER", "COMMAND",  "CONFIG"};
+    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",  "SIGNALS", "ESTIMATE", "HEALTH",  "EVENT",
+                                                        "HOST", "ORDER",   "TRACKER",  "COMMAND", "CONFIG"};
     for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
         (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
     }
@@ -93,6 +94,19 @@ static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, 
     return false;
 }
 
+static void send_order(ipe_publish_t* p)
+{
+    if (p->n_items == 0) { return; }
+    const inertiad_lcm_order_t message = {.sequence = p->sequence[IPE_PUBLISH_ORDER],
+                                          .t_ns = p->item[p->n_items - 1].t_ns,
+                                          .n_dropped = (int64_t)p->n_items_failed,
+                                          .n_items = p->n_items,
+                                          .item = p->item};
+    const int n = inertiad_lcm_order_t_encode(p->bytes, 0, sizeof p->bytes, &message);
+    if (!send(p, IPE_PUBLISH_ORDER, message.t_ns, n)) { p->n_items_failed += (uint64_t)p->n_items; }
+    p->n_items = 0;
+}
+
 static void send_frames(ipe_publish_t* p)
 {
     if (p->n_frames == 0) { return; }
@@ -104,6 +118,7 @@ static void send_frames(ipe_publish_t* p)
     const int n = inertiad_lcm_raw_t_encode(p->bytes, 0, sizeof p->bytes, &message);
     if (!send(p, IPE_PUBLISH_RAW, message.t_ns, n)) { p->n_frames_failed += (uint64_t)p->n_frames; }
     p->n_frames = 0;
+    if (p->n_items > 0 && p->sequence[IPE_PUBLISH_RAW] - p->item[0].raw >= RAW_PER_ORDER) { send_order(p); }
 }
 
 static void send_rows(ipe_publish_t* p)
@@ -141,9 +156,18 @@ void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame)
     if (p->n_frames == IPE_PUBLISH_FRAMES) { send_frames(p); }
 }
 
-void ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row)
+void ipe_publish_order(ipe_publish_t* p, int kind, int64_t t_ns, const double* value)
 {
     if (!is_on(p)) { return; }
+    inertiad_lcm_order_item_t* item = &p->item[p->n_items++];
+    *item = (inertiad_lcm_order_item_t){
+        .raw = p->sequence[IPE_PUBLISH_RAW], .n_before = p->n_frames, .kind = (int8_t)kind, .t_ns = t_ns};
+    if (value != NULL) { memcpy(item->value, value, sizeof item->value); }
+    if (p->n_items == IPE_PUBLISH_ITEMS) { send_order(p); }
+}
+
+static void add_row(ipe_publish_t* p, const ipe_row_t* row)
+{
     if (p->n_rows > 0 && is_past_block(p->row[0].t_ns, row->t_ns)) { send_rows(p); }
     inertiad_lcm_signals_row_t* to = &p->row[p->n_rows];
     to->t_ns = row->t_ns;
@@ -170,6 +194,7 @@ void ipe_publish_position(ipe_publish_t* p, int64_t t_ns, const double position[
 
 static void copy_estimate(inertiad_lcm_estimate_t* to, const ipe_estimate_t* from)
 {
+    to->schema = INERTIAD_LCM_ESTIMATE_T_SCHEMA;
     to->t_ns = from->t_ns;
     to->n_windows = (int64_t)from->n_windows;
     to->n_rows = (int64_t)from->n_rows;
@@ -221,18 +246,29 @@ static bool is_due(ipe_publish_t* p, int64_t now_ns)
     return true;
 }
 
-bool ipe_publish_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate)
+/// True: sent.
+static bool send_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t* estimate)
 {
-    if (!is_on(p) || estimate->n_windows == 0 || !is_due(p, now_ns)) { return false; }
+    if (estimate->n_windows == 0 || !is_due(p, now_ns)) { return false; }
     if (!is_finite(estimate)) {
         p->n_not_finite++;
         return false;
     }
     inertiad_lcm_estimate_t message = {.sequence = p->sequence[IPE_PUBLISH_ESTIMATE],
-                                       .n_dropped = (int64_t)p->n_input_dropped};
+                                       .n_dropped = (int64_t)p->n_input_dropped,
+                                       .systematic_name = p->systematic_names,
+                                       .verdict = INERTIAD_LCM_ESTIMATE_T_UNKNOWN};
     copy_estimate(&message, estimate);
     return send(p, IPE_PUBLISH_ESTIMATE, now_ns,
                 inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+bool ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row, const ipe_estimate_t* estimate, uint64_t n_dropped)
+{
+    if (!is_on(p)) { return false; }
+    p->n_input_dropped = n_dropped;
+    add_row(p, row);
+    return send_estimate(p, row->t_ns, estimate);
 }
 
 static void copy_latency(inertiad_lcm_latency_t* to, int64_t bucket[IPE_HISTOGRAM_BUCKETS], const char* name,
@@ -324,6 +360,7 @@ void ipe_publish_answer(ipe_publish_t* p, int64_t t_ns, const ipe_command_t* com
 void ipe_publish_flush(ipe_publish_t* p)
 {
     send_frames(p);
+    send_order(p);
     send_rows(p);
 }
 
@@ -331,15 +368,21 @@ void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config)
 {
     ipe_publish_flush(p);
     p->n_cables = config->n_cables;
+    for (int i = 0; i < ipe_systematic_filter_count(config->n_cables); ++i) {
+        ipe_systematic_name(config->n_cables, i, p->systematic_name[i]);
+        p->systematic_names[i] = p->systematic_name[i];
+    }
     p->estimate_period_ns = llround(1e9 / config->estimate_rate);
     p->has_estimate_due = false;
 }
 
-void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate)
+void ipe_publish_last(ipe_publish_t* p, const ipe_estimate_t* estimate, uint64_t n_dropped)
 {
+    if (!is_on(p)) { return; }
+    p->n_input_dropped = n_dropped;
     ipe_publish_flush(p);
     p->has_estimate_due = false;
-    (void)ipe_publish_estimate(p, estimate->t_ns, estimate);
+    (void)send_estimate(p, estimate->t_ns, estimate);
 }
 
 void ipe_publish_close(ipe_publish_t* p)

@@ -127,13 +127,13 @@ using Inertia = Eigen::Matrix<double, 6, 1>;
 
 Inertia inertia_of(const Feed& feed)
 {
-    return Eigen::Map<const Inertia>(feed.state.estimate.theta + 4);
+    return Eigen::Map<const Inertia>(feed.state.estimator.estimate.theta + 4);
 }
 
 /// Largest eigenvalue of P in units of P0: at most 1 where P <= P0.
 double share_of_prior(const Feed& feed, const Eigen::MatrixXd& P0)
 {
-    ipe_rls_t copy = feed.state.rls;
+    ipe_rls_t copy = feed.state.estimator.rls;
     const Eigen::MatrixXd L = P0.llt().matrixL(), P = inertiad::Rls(copy).P();
     const Eigen::MatrixXd half = L.triangularView<Eigen::Lower>().solve(P);
     const Eigen::MatrixXd whole = L.triangularView<Eigen::Lower>().solve(half.transpose());
@@ -147,7 +147,7 @@ void move(Feed& feed, int n_times)
 
 void rest(Feed& feed, uint64_t n_windows)
 {
-    ipe_rls_t first = feed.state.rls;
+    ipe_rls_t first = feed.state.estimator.rls;
     const Eigen::MatrixXd P0 = inertiad::Rls(first).P();
     move(feed, 2);
     const Inertia before = inertia_of(feed);
@@ -169,7 +169,7 @@ void rest(Feed& feed, uint64_t n_windows)
         }
     }
     const double moved_altogether = (inertia_of(feed) - before).cwiseAbs().maxCoeff();
-    const uint64_t n_refused = feed.state.rls.n_nonfinite + feed.state.n_refused;
+    const uint64_t n_refused = feed.state.estimator.rls.n_nonfinite + feed.state.estimator.n_refused;
     move(feed, 4);
     is_finite &= ipe_pipeline_invariants_hold(&feed.state);
     share = std::max(share, share_of_prior(feed, P0));
@@ -178,8 +178,8 @@ void rest(Feed& feed, uint64_t n_windows)
     std::printf("moved_per_day %.6g\nmoved_altogether %.6g\n", moved, moved_altogether);
     std::printf("share_of_prior %.15g\nis_finite %d\n", share, is_finite);
     std::printf("n_refused %llu\n", static_cast<unsigned long long>(n_refused));
-    std::printf("n_changes %llu\n", static_cast<unsigned long long>(feed.state.detect.n_changes));
-    for (int i = 0; i < IPE_NP; ++i) { std::printf("theta_%d %.17g\n", i, feed.state.estimate.theta[i]); }
+    std::printf("n_changes %llu\n", static_cast<unsigned long long>(feed.state.estimator.change_detector.n_changes));
+    for (int i = 0; i < IPE_NP; ++i) { std::printf("theta_%d %.17g\n", i, feed.state.estimator.estimate.theta[i]); }
 }
 
 /// What the filter filled with numbers: it starts as all zero.
@@ -195,21 +195,22 @@ std::size_t bytes_in_use(const ipe_rls_t& s)
 void noise(Feed& feed, uint64_t n_windows)
 {
     for (std::size_t i = 0; feed.state.window.n_windows < n_windows; ++i) { feed.push(i); }
-    const ipe_change_detector_t& d = feed.state.detect;
+    const ipe_change_detector_t& d = feed.state.estimator.change_detector;
     std::printf("hours %.3f\n", static_cast<double>(n_windows) * 0.25 * feed.state.window.length / 3600.0);
     std::printf("n_changes %llu\n", static_cast<unsigned long long>(d.n_changes));
     std::printf("n_held %llu\n", static_cast<unsigned long long>(d.n_held));
-    std::printf("filter_bytes %zu\npipeline_bytes %zu\n", bytes_in_use(feed.state.rls), sizeof feed.state);
+    std::printf("filter_bytes %zu\npipeline_bytes %zu\n", bytes_in_use(feed.state.estimator.rls), sizeof feed.state);
 }
 
 /// What must not change when an input is refused: the filter but for its counters, and the estimate.
 struct Remembered {
-    explicit Remembered(const ipe_pipeline_t& p) : rls(p.rls), estimate(p.estimate) {}
+    explicit Remembered(const ipe_pipeline_t& p) : rls(p.estimator.rls), estimate(p.estimator.estimate) {}
     bool holds(const ipe_pipeline_t& p) const
     {
-        return std::memcmp(rls.x, p.rls.x, sizeof rls.x) == 0 && std::memcmp(rls.D, p.rls.D, sizeof rls.D) == 0 &&
-               std::memcmp(rls.U, p.rls.U, sizeof rls.U) == 0 && rls.n_updates == p.rls.n_updates &&
-               std::memcmp(&estimate, &p.estimate, sizeof estimate) == 0;
+        return std::memcmp(rls.x, p.estimator.rls.x, sizeof rls.x) == 0 &&
+               std::memcmp(rls.D, p.estimator.rls.D, sizeof rls.D) == 0 &&
+               std::memcmp(rls.U, p.estimator.rls.U, sizeof rls.U) == 0 && rls.n_updates == p.estimator.rls.n_updates &&
+               std::memcmp(&estimate, &p.estimator.estimate, sizeof estimate) == 0;
     }
     ipe_rls_t rls;
     ipe_estimate_t estimate;
@@ -304,8 +305,8 @@ void bad(Feed& feed, const Config& config, uint64_t n_estimates, uint64_t seed)
         for (std::size_t i = first; feed.state.window.n_windows < RUN_WINDOWS; ++i) {
             if (feed.push(i, louder)) {
                 ++n;
-                n_projected += !feed.state.estimate.consistent;
-                n_impossible += !is_body(feed.state.estimate);
+                n_projected += !feed.state.estimator.estimate.consistent;
+                n_impossible += !is_body(feed.state.estimator.estimate);
             }
             if (i % BAD_INTERVAL != 0) { continue; }
             const Remembered before(feed.state);
@@ -313,7 +314,7 @@ void bad(Feed& feed, const Config& config, uint64_t n_estimates, uint64_t seed)
             (void)feed.step();
             n_disturbed += !before.holds(feed.state);
         }
-        n_refused += feed.state.n_refused;
+        n_refused += feed.state.estimator.n_refused;
     }
     const struct {
         const char* name;

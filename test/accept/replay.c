@@ -26,7 +26,7 @@ static void step_all(void)
     ipe_row_t row;
     ipe_status_t status;
     while ((status = ipe_pipeline_step(&pipeline, &row, NULL)) != IPE_NOT_READY) {
-        if (status == IPE_OK) { print_estimate(&pipeline.estimate); }
+        if (status == IPE_OK) { print_estimate(&pipeline.estimator.estimate); }
     }
 }
 

@@ -227,10 +227,14 @@ static void print_sizes(void)
         const char* name;
         size_t bytes;
     } size[] = {
-        {"config", sizeof pipeline.config}, {"decode", sizeof pipeline.decode}, {"group", sizeof pipeline.group},
-        {"clock", sizeof pipeline.clock},   {"align", sizeof pipeline.align},   {"wrench", sizeof pipeline.wrench},
-        {"window", sizeof pipeline.window}, {"noise", sizeof pipeline.noise},   {"states", sizeof pipeline.states},
-        {"rls", sizeof pipeline.rls},
+        {"config", sizeof pipeline.config},
+        {"decode", sizeof pipeline.decode},
+        {"assembler", sizeof pipeline.sample_assembler},
+        {"clock", sizeof pipeline.clock},
+        {"align", sizeof pipeline.align},
+        {"wrench", sizeof pipeline.wrench},
+        {"window", sizeof pipeline.window},
+        {"estimator", sizeof pipeline.estimator},
     };
     printf("  state %zu B:", sizeof pipeline);
     for (size_t i = 0; i < sizeof size / sizeof size[0]; ++i) { printf(" %s %zu", size[i].name, size[i].bytes); }
@@ -250,7 +254,7 @@ int main(int argc, char** argv)
     const double wrenches = best(wrench_all), windows = best(window_all), whole = best(pipeline_all);
     const double filter = whole - grouped - aligned - wrenches - windows;
     printf("Core, %d cables, %zu frames, %zu samples, %d filter states, one core; time per sample:\n", config.n_cables,
-           n_frames, n_rows, pipeline.rls.n);
+           n_frames, n_rows, pipeline.estimator.rls.n);
     print_stage("decode", decode);
     print_stage("group", grouped - decode);
     print_stage("clock, align", aligned);

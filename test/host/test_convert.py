@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 
 from inertiad.base import quantity, table, units
 from inertiad.base.error import InputError
+from inertiad.base.table import Table
 from inertiad.exchange import body_formats, convert, dataset, file_formats
-from inertiad.exchange.dataset import Dataset, Sheet
+from inertiad.exchange.dataset import Dataset
 from inertiad.robot import configuration, description
 from inertiad.robot.description import Nominal, inertia_matrix
 from inertiad.run import canlog, lcmlog
@@ -51,7 +52,7 @@ def recorded(run: Path) -> Dataset:
     return data
 
 
-def same_sheet(a: Sheet, b: Sheet) -> None:
+def same_table(a: Table, b: Table) -> None:
     assert a.name == b.name and list(a.columns) == list(b.columns)
     np.testing.assert_array_equal(a.t_ns, b.t_ns)
     for name, values in a.columns.items():
@@ -69,9 +70,9 @@ def same_frames(a: CanLog, b: CanLog) -> None:
 
 
 def same(a: Dataset, b: Dataset) -> None:
-    assert list(a.sheets) == list(b.sheets)
-    for name, sheet in a.sheets.items():
-        same_sheet(sheet, b.sheets[name])
+    assert list(a.tables) == list(b.tables)
+    for name, found in a.tables.items():
+        same_table(found, b.tables[name])
     assert (a.frames is None) == (b.frames is None)
     if a.frames is not None and b.frames is not None:
         same_frames(a.frames, b.frames)
@@ -80,10 +81,10 @@ def same(a: Dataset, b: Dataset) -> None:
 # ---- there and back --------------------------------------------------------------------------------------------------
 
 
-def test_recorded_run_has_every_sheet_with_a_unit_for_every_quantity(recorded: Dataset):
-    assert [sheet.name for sheet in recorded.all()] == ["signals", "tracker", "estimate", "frames", "health"]
+def test_recorded_run_has_every_table_with_a_unit_for_every_quantity(recorded: Dataset):
+    assert [found.name for found in recorded.all()] == ["signals", "tracker", "estimate", "frames", "health"]
     for name in ("signals", "tracker", "estimate"):
-        without = [n for n in recorded.sheets[name].columns if not units.of(n)]
+        without = [n for n in recorded.tables[name].columns if not units.of(n)]
         assert not without
 
 
@@ -137,8 +138,8 @@ def datasets(draw) -> Dataset:
         kinds = {"valid": st.booleans(), "consistent": st.booleans(), "source": TEXT, "text": TEXT}
         kinds |= {"t_device_ns": st.integers(-(2**62), 2**62), "n_windows": st.integers(0, 2**62)}
         values = {c: draw(st.lists(kinds.get(c, NUMBERS), min_size=n, max_size=n)) for c in columns}
-        found.append(Sheet(name, draw(stamps(n, 1)), {c: dataset.typed(name, c, v) for c, v in values.items()}))
-    return Dataset({sheet.name: sheet for sheet in found}, draw(frames()), "test")
+        found.append(table.at_ns(name, draw(stamps(n, 1)), {c: dataset.typed(name, c, v) for c, v in values.items()}))
+    return Dataset({made.name: made for made in found}, draw(frames()), "test")
 
 
 @pytest.mark.parametrize("form", SHEET_FORMATS)
@@ -150,9 +151,9 @@ def test_any_run_comes_back_from_each_format_unchanged(form: str, tmp_path_facto
     again = file_formats.FORMATS[form].read(path)
     if form == "mf4":  # python-can gives its stamps as float seconds; remote frames come after the others
         order = np.argsort((data.frames.can_id & canlog.REMOTE) != 0, kind="stable")
-        data = Dataset(data.sheets, data.frames[order], data.source)
+        data = Dataset(data.tables, data.frames[order], data.source)
         by_kind = np.argsort((again.frames.can_id & canlog.REMOTE) != 0, kind="stable")
-        again = Dataset(again.sheets, again.frames[by_kind], again.source)
+        again = Dataset(again.tables, again.frames[by_kind], again.source)
         assert np.abs(again.frames.t_ns - data.frames.t_ns).max() < 1000
         again.frames.t_ns[:] = data.frames.t_ns
     same(data, again)
@@ -177,11 +178,11 @@ def test_imported_run_gives_the_same_run_again(form: str, run: Path, tmp_path: P
     assert (again / "can.log").read_bytes() == (run / "can.log").read_bytes()
     assert description.load(again / "robot.toml").signals == description.load(run / "robot.toml").signals
     before, after = (dataset.read(path, None, "INERTIAD_", []) for path in (run, again))
-    same_sheet(before.sheets["signals"], after.sheets["signals"])
+    same_table(before.tables["signals"], after.tables["signals"])
     for name in ("x", "y", "z"):
-        np.testing.assert_array_equal(before.sheets["tracker"].columns[name], after.sheets["tracker"].columns[name])
-    signals = table.read(again / "signals.csv", [*before.sheets["signals"].columns, "t"])
-    np.testing.assert_allclose(signals.t, before.sheets["signals"].t, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(before.tables["tracker"].columns[name], after.tables["tracker"].columns[name])
+    signals = table.read(again / "signals.csv", [*before.tables["signals"].columns, "t"])
+    np.testing.assert_allclose(signals.t, before.tables["signals"].t, rtol=0, atol=1e-9)
 
 
 def test_commands_say_what_they_wrote(run: Path, tmp_path: Path, inertiactl):
@@ -204,7 +205,7 @@ def test_csv_opens_in_pandas_with_units_in_the_heads(recorded: Dataset, tmp_path
     import pandas
 
     file_formats.write_csv(tmp_path / "x.csv", recorded)
-    signals = recorded.sheets["signals"]
+    signals = recorded.tables["signals"]
     frame = pandas.read_csv(tmp_path / "x.csv")
     assert list(frame.columns[:4]) == ["t [s]", "acc_x [m/s2]", "acc_y [m/s2]", "acc_z [m/s2]"]
     assert "f_8 [N]" in frame.columns and "q_w [1]" in frame.columns
@@ -219,8 +220,8 @@ def test_parquet_opens_in_pandas_and_names_units_in_its_fields(recorded: Dataset
 
     file_formats.write_parquet(tmp_path / "x.parquet", recorded)
     frame = pandas.read_parquet(tmp_path / "x.parquet")
-    np.testing.assert_array_equal(frame["acc_z"], recorded.sheets["signals"].columns["acc_z"])
-    np.testing.assert_array_equal(frame["t_ns"], recorded.sheets["signals"].t_ns)
+    np.testing.assert_array_equal(frame["acc_z"], recorded.tables["signals"].columns["acc_z"])
+    np.testing.assert_array_equal(frame["t_ns"], recorded.tables["signals"].t_ns)
     schema = pyarrow.parquet.read_schema(tmp_path / "x.parquet")
     assert schema.field("gyro_x").metadata == {b"unit": b"rad/s"}
 
@@ -238,7 +239,7 @@ def test_mcap_opens_in_its_own_reader_with_json_schemas(recorded: Dataset, tmp_p
         listed = list(reader.iter_messages(topics=["/signals"]))
     schema = json.loads(listed[0][0].data)
     assert schema["type"] == "object" and schema["properties"]["acc_x"]["description"] == "m/s2"
-    signals = recorded.sheets["signals"]
+    signals = recorded.tables["signals"]
     assert [message.log_time for _, _, message in listed] == signals.t_ns.tolist()
     assert [json.loads(m.data)["f_1"] for _, _, m in listed] == signals.columns["f_1"].tolist()
 
@@ -248,7 +249,7 @@ def test_mat_opens_in_scipy_with_a_struct_of_units(recorded: Dataset, tmp_path: 
 
     file_formats.write_mat(tmp_path / "x.mat", recorded)
     contents = loadmat(tmp_path / "x.mat", simplify_cells=True)
-    np.testing.assert_array_equal(contents["signals"]["f_3"], recorded.sheets["signals"].columns["f_3"])
+    np.testing.assert_array_equal(contents["signals"]["f_3"], recorded.tables["signals"].columns["f_3"])
     assert contents["units"]["estimate"]["inertia_cog_xx"] == "kg m2"
     assert contents["frames"]["data"][0] == "00000000"
 
@@ -260,7 +261,7 @@ def test_mf4_opens_in_asammdf_and_its_frames_decode_by_dbc(recorded: Dataset, tm
     with MDF(tmp_path / "x.mf4") as mdf:
         mass = mdf.get("mass")
         assert mass.unit == "kg"
-        np.testing.assert_array_equal(mass.samples, recorded.sheets["estimate"].columns["mass"])
+        np.testing.assert_array_equal(mass.samples, recorded.tables["estimate"].columns["mass"])
         dbc = devices.DEVICES / "xsens_mti600.dbc"
         decoded = mdf.extract_bus_logging({"CAN": [(dbc, 0)]}).get("acc_z")
     by_cantools = cantools.database.load_file(dbc).get_message_by_name("MTI_ACCELERATION")
@@ -364,7 +365,7 @@ def test_torn_log_is_exported_up_to_the_damage_with_a_count(run: Path, recorded:
     done = inertiactl("export", torn, "--to", "csv", "-o", tmp_path / "x.csv")
     assert done.returncode == 0
     assert "cut off in the middle of a record" in done.stderr and "messages before it were read" in done.stderr
-    part, signals = file_formats.read_csv(tmp_path / "x.csv").sheets["signals"], recorded.sheets["signals"]
+    part, signals = file_formats.read_csv(tmp_path / "x.csv").tables["signals"], recorded.tables["signals"]
     assert 0 < len(part) < len(signals)
     np.testing.assert_array_equal(part.columns["acc_x"], signals.columns["acc_x"][: len(part)])
 
@@ -405,7 +406,7 @@ def test_run_without_tracker_says_so_and_gives_its_frames(run: Path, tmp_path: P
         (folder / name).write_bytes((run / name).read_bytes())
     done = inertiactl("export", folder, "--to", "csv", "-o", tmp_path / "x.csv")
     assert done.returncode == 0 and "no signals: " in done.stderr and "tracker.csv: not there" in done.stderr
-    assert list(file_formats.read_csv(tmp_path / "x.csv").sheets) == []
+    assert list(file_formats.read_csv(tmp_path / "x.csv").tables) == []
     assert file_formats.read_csv(tmp_path / "x.csv").frames is not None
     (tmp_path / "signals.csv").write_text("t,acc_x\n1,2\n")
     (tmp_path / "tracker").mkdir()
@@ -442,7 +443,8 @@ def test_damaged_file_is_refused_in_one_line(form: str, share: float, recorded: 
         ("a,b\n1,2\n", "line 1: no column t"),
         ("", "line 1: no column t"),
         ("t,acc_x\n1,2,3\n", "line 2: 3 values: allowed: 2"),
-        ("t,acc_x\n1,abc\n", "acc_x: could not convert"),
+        ("t,acc_x\n1,abc\n", 'line 2: acc_x = "abc": allowed: a number'),
+        ("t,acc_x,acc_x\n1,2,3\n", "line 1: column acc_x is there twice"),
         ("t,acc_x [kg]\n1,2\n", 'acc_x: unit "kg": allowed: m/s2'),
     ],
 )
@@ -457,11 +459,11 @@ def test_units_in_csv_heads_are_converted(tmp_path: Path):
     path = tmp_path / "x.csv"
     path.write_text("t [ms],acc_x [g],gyro_x [deg/s],f_1 [kN],x [mm]\n1000,1,180,2,5\n2000,0,0,0,0\n")
     allowed = ["t", "acc_x", "gyro_x", "f_1", "x"]
-    by_table, by_sheet = table.read(path, allowed), dataset.read_csv(path)
-    assert by_table.t.tolist() == [1.0, 2.0] and by_sheet.t_ns.tolist() == [10**9, 2 * 10**9]
+    checked, any_columns = table.read(path, allowed), dataset.read_csv(path)
+    assert checked.t.tolist() == [1.0, 2.0] and any_columns.t_ns.tolist() == [10**9, 2 * 10**9]
     for name, value in (("acc_x", 9.80665), ("gyro_x", np.pi), ("f_1", 2000.0), ("x", 0.005)):
-        assert by_table.columns[name][0] == pytest.approx(value, rel=1e-12)
-        assert by_sheet.columns[name][0] == pytest.approx(value, rel=1e-12)
+        assert checked.columns[name][0] == pytest.approx(value, rel=1e-12)
+        assert any_columns.columns[name][0] == pytest.approx(value, rel=1e-12)
     path.write_text("t,x [N]\n1,2\n")
     with pytest.raises(InputError, match=r'line 1: x: unit "N": allowed: m, cm'):
         table.read(path, allowed)

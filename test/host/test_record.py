@@ -373,7 +373,7 @@ def test_peer_that_is_slow_to_begin_does_not_hang(monkeypatch):
 
 UNPLUGGED = """
 import socket, subprocess, time
-from inertiad import record
+from inertiad.live import record
 server = socket.create_server(("127.0.0.1", 5014))
 source = record.open_input("tcp:127.0.0.1:5014")
 link = server.accept()[0] if source.receive() == [] else None

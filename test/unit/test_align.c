@@ -130,9 +130,9 @@ static void test_pop_waits_no_longer_than_max_wait(void)
         if (k <= 5) { (void)push_force(k * MS); }
         n += pop_all();           // when
     }
-    TEST_ASSERT_EQUAL_INT(6, n);  // then: rows 6 .. 29 given up, 30 .. 50 still wait
-    TEST_ASSERT_EQUAL_UINT64(24, align.n_late[IPE_FORCE]);
-    TEST_ASSERT_EQUAL_UINT64(30, align.ring[IPE_IMU].cursor);
+    TEST_ASSERT_EQUAL_INT(6, n);  // then: rows 6 .. 27 given up, 28 .. 50 still wait: 20 ms and two periods
+    TEST_ASSERT_EQUAL_UINT64(22, align.n_late[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_UINT64(28, align.ring[IPE_IMU].cursor);
 }
 
 static void test_pop_across_gap_drops_rows_and_counts(void)
@@ -452,12 +452,12 @@ static void test_pop_without_max_carry_nothing_is_carried(void)
 
 static void test_pop_full_ring_waits_no_longer(void)
 {
-    config.max_wait = 0.25;  // given: longer than the ring
-    config.max_carry = 0.3;
-    (void)rest_with_gap(200);
+    config.max_wait = 10.0;  // given: longer than the ring
+    config.max_carry = 2.0;
+    (void)rest_with_gap(1500);
     TEST_ASSERT_EQUAL_UINT64(0, align.n_overrun);
     TEST_ASSERT_EQUAL_UINT64(0, align.n_late[IPE_POSITION]);
-    TEST_ASSERT_EQUAL_UINT64(199, align.n_carried);
+    TEST_ASSERT_EQUAL_UINT64(1499, align.n_carried);
 }
 
 static void test_push_imu_alone_overruns_and_counts(void)

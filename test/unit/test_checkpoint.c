@@ -123,18 +123,20 @@ static void test_checkpoint_restart_continues_the_estimate(void)
     write_it();
     init(&other);
     TEST_ASSERT_EQUAL_MESSAGE(1, load(&other), message);
-    TEST_ASSERT_EQUAL_MEMORY(&warm.rls, &other.rls, sizeof warm.rls);
-    TEST_ASSERT_EQUAL_MEMORY(&warm.estimate, &other.estimate, sizeof warm.estimate);
-    TEST_ASSERT_TRUE(warm.window.period == other.window.period && warm.n_excited == other.n_excited);
+    TEST_ASSERT_EQUAL_MEMORY(&warm.estimator.rls, &other.estimator.rls, sizeof warm.estimator.rls);
+    TEST_ASSERT_EQUAL_MEMORY(&warm.estimator.estimate, &other.estimator.estimate, sizeof warm.estimator.estimate);
+    TEST_ASSERT_TRUE(warm.window.period == other.window.period &&
+                     warm.estimator.n_excited == other.estimator.n_excited);
     run(&other, 5 * N_SAMPLES, 6 * N_SAMPLES);  // when: 12 s later
     TEST_ASSERT_TRUE(ipe_pipeline_invariants_hold(&other));
-    TEST_ASSERT_GREATER_THAN_UINT64(warm.estimate.n_windows, other.estimate.n_windows);
-    TEST_ASSERT_EQUAL_UINT64(warm.detect.n_changes, other.detect.n_changes);
-    ASSERT_BELOW(warm.estimate.body.mass_std, other.estimate.body.mass_std);
+    TEST_ASSERT_GREATER_THAN_UINT64(warm.estimator.estimate.n_windows, other.estimator.estimate.n_windows);
+    TEST_ASSERT_EQUAL_UINT64(warm.estimator.change_detector.n_changes, other.estimator.change_detector.n_changes);
+    ASSERT_BELOW(warm.estimator.estimate.body.mass_std, other.estimator.estimate.body.mass_std);
     for (int i = 0; i < 6; ++i) {
-        ASSERT_BELOW(1.001 * warm.estimate.body.inertia_cog_std[i], other.estimate.body.inertia_cog_std[i]);
+        ASSERT_BELOW(1.001 * warm.estimator.estimate.body.inertia_cog_std[i],
+                     other.estimator.estimate.body.inertia_cog_std[i]);
     }
-    ASSERT_BELOW(3.0 * other.estimate.body.mass_std, fabs(other.estimate.body.mass - truth[0]));
+    ASSERT_BELOW(3.0 * other.estimator.estimate.body.mass_std, fabs(other.estimator.estimate.body.mass - truth[0]));
 }
 
 static void test_checkpoint_that_is_not_there_is_a_cold_start(void)
@@ -153,7 +155,7 @@ static void test_checkpoint_torn_anywhere_is_refused(void)
         write_bytes(n);
         init(&other);
         TEST_ASSERT_EQUAL(-1, load(&other));
-        TEST_ASSERT_EQUAL_UINT64(0, other.estimate.n_windows);
+        TEST_ASSERT_EQUAL_UINT64(0, other.estimator.estimate.n_windows);
     }
     write_bytes(FILE_BYTES - 1);
     assert_refused("torn");
@@ -188,7 +190,7 @@ static void test_checkpoint_of_another_version_or_impossible_is_refused(void)
     seal();
     assert_refused("another version");
     bytes[offsetof(ipe_checkpoint_state_t, version)] ^= 0xFF;
-    memset(bytes + offsetof(ipe_checkpoint_state_t, learnt.rls.D), 0xFF, sizeof(double));  // NaN
+    memset(bytes + offsetof(ipe_checkpoint_state_t, estimator.rls.D), 0xFF, sizeof(double));  // NaN
     seal();
     assert_refused("cannot be");
 }

@@ -27,14 +27,16 @@ void tearDown(void)
 
 static void have_estimate(void)
 {
-    nominal_theta(pipeline.estimate.theta);
-    memcpy(pipeline.estimate.covariance, pipeline.config.prior_covariance, sizeof pipeline.estimate.covariance);
-    pipeline.estimate.covariance[0][0] = 0.01;
-    pipeline.estimate.n_windows = 7;
-    pipeline.estimate.consistent = true;
-    pipeline.estimate.observable[0] = true;
-    TEST_ASSERT_EQUAL(
-        IPE_OK, ipe_body_from_theta(pipeline.estimate.theta, pipeline.estimate.covariance, &pipeline.estimate.body));
+    nominal_theta(pipeline.estimator.estimate.theta);
+    memcpy(pipeline.estimator.estimate.covariance, pipeline.config.prior_covariance,
+           sizeof pipeline.estimator.estimate.covariance);
+    pipeline.estimator.estimate.covariance[0][0] = 0.01;
+    pipeline.estimator.estimate.n_windows = 7;
+    pipeline.estimator.estimate.consistent = true;
+    pipeline.estimator.estimate.observable[0] = true;
+    TEST_ASSERT_EQUAL(IPE_OK,
+                      ipe_body_from_theta(pipeline.estimator.estimate.theta, pipeline.estimator.estimate.covariance,
+                                          &pipeline.estimator.estimate.body));
 }
 
 static int write_to(const char* path)

@@ -24,7 +24,7 @@ void setUp(void)
         F[i][2] += 3.0;
         for (int j = 0; j < 3; ++j) { X[j][IPE_XI_FORCE + 8 + i] = -F[i][j] / (1.0 + config.force_gain[i]); }
     }
-    ipe_filter_states_init(&states);
+    ipe_filter_states_init(&states, &config);
 }
 
 void tearDown(void)
@@ -34,13 +34,51 @@ void tearDown(void)
 static void test_std_are_the_configured_ones_and_never_zero(void)
 {
     double std[IPE_NX_MAX - IPE_NP];
-    config.std_world_yaw = 0.0;                            // given
-    ipe_filter_states_std(&config, std);                   // when
-    TEST_ASSERT_EQUAL_INT(N, ipe_filter_states_count(8));  // then
+    config.std_world_yaw = 0.0;                           // given
+    ipe_filter_states_std(&states.layout, &config, std);  // when
+    TEST_ASSERT_EQUAL_INT(N, states.layout.n);            // then
     TEST_ASSERT_EQUAL_DOUBLE(config.std_attitude, std[0]);
     TEST_ASSERT_TRUE(std[IPE_XI_YAW] > 0.0);
     for (int i = 0; i < 6; ++i) { TEST_ASSERT_EQUAL_DOUBLE(2e-3, std[PATTERN - IPE_NP + i]); }
     for (int i = 0; i < 3; ++i) { TEST_ASSERT_EQUAL_DOUBLE(3e-3, std[WANDER - IPE_NP + i]); }
+}
+
+static void test_layout_has_every_block_once_and_in_order(void)
+{
+    for (int m = 1; m <= IPE_CABLES_MAX; ++m) {
+        config.n_cables = m;
+        ipe_filter_states_init(&states, &config);  // when
+        const ipe_filter_layout_t* at = &states.layout;
+        int n = 0;
+        for (int b = 0; b < IPE_BLOCKS; ++b) {  // then
+            TEST_ASSERT_EQUAL_INT(n, at->first[b]);
+            TEST_ASSERT_NOT_NULL(ipe_filter_states_name((ipe_block_t)b));
+            n += at->count[b];
+        }
+        TEST_ASSERT_EQUAL_INT(n, at->n);
+        TEST_ASSERT_TRUE(at->n <= IPE_NX_MAX);
+        TEST_ASSERT_EQUAL_INT(IPE_NP, at->first[IPE_BLOCK_ATTITUDE]);
+        TEST_ASSERT_EQUAL_INT(IPE_NP + ipe_systematic_filter_count(m), at->first[IPE_BLOCK_PATTERN]);
+        TEST_ASSERT_EQUAL_INT(m, at->count[IPE_BLOCK_FORCE_GAIN]);
+    }
+}
+
+/// A robot without gains and wander: their columns are gone, the others are as they were.
+static void test_rows_of_absent_blocks_are_not_there(void)
+{
+    double all[IPE_NY * IPE_NX_MAX];
+    ipe_filter_states_rows(&states, &config, Y, X, all);
+    ipe_filter_layout_t* at = &states.layout;  // given
+    at->count[IPE_BLOCK_FORCE_GAIN] = at->count[IPE_BLOCK_WANDER] = 0;
+    at->first[IPE_BLOCK_PATTERN] -= 8;
+    at->n = N - 8 - 3;
+    ipe_filter_states_rows(&states, &config, Y, X, H);  // when
+    for (int j = 0; j < IPE_NY; ++j) {                  // then
+        for (int i = 0; i < at->n; ++i) {
+            const int was = i < at->first[IPE_BLOCK_PATTERN] ? i : i + 8;
+            TEST_ASSERT_EQUAL_DOUBLE(all[j * N + was], H[j * at->n + i]);
+        }
+    }
 }
 
 static void test_rows_hold_regressor_systematic_columns_and_wander(void)
@@ -100,11 +138,11 @@ static void test_patterns_of_cables_without_force_are_zero(void)
     TEST_ASSERT_EQUAL_MEMORY(none.pattern, states.pattern, sizeof none.pattern);
 }
 
-static void test_advance_wander_fades_and_keeps_its_variance(void)
+static void test_predict_wander_fades_and_keeps_its_variance(void)
 {
     double theta[IPE_NP] = {0.0}, P[IPE_NP][IPE_NP] = {{0.0}}, std[IPE_NX_MAX - IPE_NP];
     for (int i = 0; i < IPE_NP; ++i) { P[i][i] = 1.0; }
-    ipe_filter_states_std(&config, std);
+    ipe_filter_states_std(&states.layout, &config, std);
     ipe_rls_t rls;
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_rls_init(&rls, theta, P, N - IPE_NP, std));
     double h[N];
@@ -113,12 +151,12 @@ static void test_advance_wander_fades_and_keeps_its_variance(void)
     ipe_rls_update_row(&rls, h, 3.0);  // given: correlated with everything
     const double before = rls.x[WANDER], known = rls.x[0];
 
-    ipe_filter_states_advance(&states, &config, 1, &rls);
-    ipe_filter_states_advance(&states, &config, 1 + 20000000000LL, &rls);  // when: a correlation time later
+    ipe_filter_states_predict(&states, &config, 1, &rls);
+    ipe_filter_states_predict(&states, &config, 1 + 20000000000LL, &rls);  // when: a correlation time later
 
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, exp(-1.0) * before, rls.x[WANDER]);   // then
     TEST_ASSERT_EQUAL_DOUBLE(known, rls.x[0]);
-    ipe_filter_states_advance(&states, &config, 1 + 3600000000000LL, &rls);
+    ipe_filter_states_predict(&states, &config, 1 + 3600000000000LL, &rls);
     for (int i = 0; i < 3; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3e-3, ipe_rls_std(&rls, WANDER + i)); }
     TEST_ASSERT_TRUE(ipe_rls_invariants_hold(&rls));
 }
@@ -126,7 +164,7 @@ static void test_advance_wander_fades_and_keeps_its_variance(void)
 enum { OFFSET = IPE_NP + IPE_XI_FORCE, GAIN = OFFSET + 8 };
 
 /// The states' covariance is share of what it is of the noise; f is measured with noise, which explains the innovation.
-static void quiet_gains(double share, const double f[8], double noisy[IPE_CABLES_MAX])
+static void denoise_gains(double share, const double f[8], double noisy[IPE_CABLES_MAX])
 {
     double L[IPE_NY][IPE_NY] = {{0.0}}, S[IPE_NY][IPE_NY] = {{0.0}}, innovation[IPE_NY] = {0.0};
     const double v[IPE_NY] = {0.2, -0.1, 0.3, 0.05, -0.2, 0.1};
@@ -137,7 +175,7 @@ static void quiet_gains(double share, const double f[8], double noisy[IPE_CABLES
         for (int j = 0; j < IPE_NY; ++j) { noisy[k] += H[j * N + OFFSET + k] * v[j]; }
         for (int j = 0; j < IPE_NY; ++j) { innovation[j] += H[j * N + OFFSET + k] * (noisy[k] - f[k]); }
     }
-    ipe_filter_states_denoise_gain_columns(&config, noisy, innovation, (const double (*)[IPE_NY])S,
+    ipe_filter_states_denoise_gain_columns(&states, noisy, innovation, (const double (*)[IPE_NY])S,
                                            (const double (*)[IPE_NY])L, H);
 }
 
@@ -152,30 +190,32 @@ static void check_gains(const double f[8])
 
 static const double TENSION[8] = {10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0};
 
-static void test_quiet_gains_are_those_of_the_tensions_without_noise(void)
+static void test_denoised_gains_are_those_of_the_tensions_without_noise(void)
 {
     double noisy[IPE_CABLES_MAX];
-    quiet_gains(0.0, TENSION, noisy);  // given: states known, all of the innovation is noise; when
-    check_gains(TENSION);              // then
+    denoise_gains(0.0, TENSION, noisy);  // given: states known, all of the innovation is noise; when
+    check_gains(TENSION);                // then
 }
 
-static void test_quiet_gains_believe_the_tensions_where_the_states_are_unknown(void)
+static void test_denoised_gains_believe_the_tensions_where_the_states_are_unknown(void)
 {
     double noisy[IPE_CABLES_MAX];
-    quiet_gains(1e9, TENSION, noisy);  // given, when
-    check_gains(noisy);                // then
+    denoise_gains(1e9, TENSION, noisy);  // given, when
+    check_gains(noisy);                  // then
 }
 
 int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_std_are_the_configured_ones_and_never_zero);
+    RUN_TEST(test_layout_has_every_block_once_and_in_order);
+    RUN_TEST(test_rows_of_absent_blocks_are_not_there);
     RUN_TEST(test_rows_hold_regressor_systematic_columns_and_wander);
     RUN_TEST(test_rows_of_patterns_are_moments_of_misplaced_forces);
     RUN_TEST(test_patterns_are_orthonormal_and_leave_out_the_pull_along_the_resultant);
     RUN_TEST(test_patterns_of_cables_without_force_are_zero);
-    RUN_TEST(test_advance_wander_fades_and_keeps_its_variance);
-    RUN_TEST(test_quiet_gains_are_those_of_the_tensions_without_noise);
-    RUN_TEST(test_quiet_gains_believe_the_tensions_where_the_states_are_unknown);
+    RUN_TEST(test_predict_wander_fades_and_keeps_its_variance);
+    RUN_TEST(test_denoised_gains_are_those_of_the_tensions_without_noise);
+    RUN_TEST(test_denoised_gains_believe_the_tensions_where_the_states_are_unknown);
     return UNITY_END();
 }

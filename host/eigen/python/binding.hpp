@@ -13,6 +13,10 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+extern "C" {
+#include "counter_table.h"
+}
+
 #include <memory>
 #include <string>
 #include <vector>

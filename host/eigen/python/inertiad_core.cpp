@@ -6,6 +6,7 @@
 #include <inertiad/body.hpp>
 #include <inertiad/cable.hpp>
 #include <inertiad/config.hpp>
+#include <inertiad/estimate.hpp>
 #include <inertiad/pipeline.hpp>
 #include <inertiad/rls.hpp>
 #include <inertiad/windows.hpp>
@@ -15,7 +16,7 @@
 #include <string>
 
 extern "C" {
-#include "noise.h"
+#include "estimator.h"
 #include "window.h"
 }
 
@@ -230,12 +231,10 @@ void filter_equations(const inertiad::Config& config, const ipe_average_t& avera
     }
 }
 
-/// [Y, -X] of the windows that a planned motion will be averaged to.
-nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p,
-                          const InN33& R, const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
+/// The windows that a planned motion, sampled at rate [Hz], will be averaged to, and their length [s].
+std::vector<ipe_average_t> averages_of(const inertiad::Config& config, double rate, const Plan& plan, double& length)
 {
-    const Plan plan{s, w, p, R, f};
-    const std::size_t n = s.shape(0), m = f.shape(1);
+    const std::size_t n = plan.s.shape(0), m = plan.f.shape(1);
     plan.check(config, n);
     ipe_config_t sampled = config.c();
     sampled.sample_rate = rate;
@@ -246,14 +245,24 @@ nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN
         ipe_motion_t motion{};
         ipe_wrench_t wrench{};
         ipe_average_t average;
-        std::copy_n(s.data() + 3 * k, 3, motion.s);
-        std::copy_n(w.data() + 3 * k, 3, motion.w);
-        std::copy_n(p.data() + 3 * k, 3, motion.p);
-        std::copy_n(R.data() + 9 * k, 9, &motion.R[0][0]);
-        std::copy_n(f.data() + m * k, m, wrench.f);
+        std::copy_n(plan.s.data() + 3 * k, 3, motion.s);
+        std::copy_n(plan.w.data() + 3 * k, 3, motion.w);
+        std::copy_n(plan.p.data() + 3 * k, 3, motion.p);
+        std::copy_n(plan.R.data() + 9 * k, 9, &motion.R[0][0]);
+        std::copy_n(plan.f.data() + m * k, m, wrench.f);
         const auto t_ns = static_cast<int64_t>(std::llround(1e9 * static_cast<double>(k + 1) / rate));
         if (ipe_window_push(&window, t_ns, &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
     }
+    length = window.length;
+    return found;
+}
+
+/// [Y, -X] of the windows that a planned motion will be averaged to.
+nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p,
+                          const InN33& R, const In<Dim<-1>, Dim<-1>>& f, const inertiad::Theta& theta)
+{
+    double length = 0.0;
+    const std::vector<ipe_average_t> found = averages_of(config, rate, {s, w, p, R, f}, length);
     const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
     Out<3> H({found.size(), IPE_NY, n_x});
     Out<2> motion({found.size(), 6});
@@ -262,7 +271,7 @@ nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN
         std::copy_n(found[k].w, 3, motion.data + 6 * k);
         std::copy_n(found[k].alpha, 3, motion.data + 6 * k + 3);
     }
-    return nb::make_tuple(H.release(), motion.release(), window.length);
+    return nb::make_tuple(H.release(), motion.release(), length);
 }
 
 /// [Y, -X] as if a window saw nothing but the one instant.
@@ -291,51 +300,57 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
     return H.release();
 }
 
-/// Covariance [10,10] of theta about the IMU that the filter ends with on equations H, y: its own prior, its own noise level,
-/// learnt from y. As update_filter() in firmware/core/pipeline.c does it, without change detection and forgetting.
-inertiad::Covariance rehearse(const inertiad::Config& config, const In<Dim<-1>, Dim<6>, Dim<-1>>& H,
-                              const In<Dim<-1>, Dim<6>>& y)
+/// Covariance [10,10] of mass, CoG and inertia that the estimator publishes after a planned motion whose windows' wrenches
+/// are y [M,6]: the daemon's own cycle of predict, update and publish, its prior and the noise it learns from y.
+inertiad::Covariance rehearse(const inertiad::Config& config, double rate, const InN3& s, const InN3& w, const InN3& p,
+                              const InN33& R, const In<Dim<-1>, Dim<-1>>& f, const In<Dim<-1>, Dim<6>>& y)
 {
-    const ipe_config_t& k = config.c();
-    const int n_xi = ipe_systematic_filter_count(k.n_cables);
-    const auto n_x = static_cast<std::size_t>(IPE_NP + n_xi);
-    require_rows(H.shape(0), y.shape(0), "y");
-    if (H.shape(2) != n_x) { throw std::invalid_argument("H: must have " + std::to_string(n_x) + " columns"); }
-    const inertiad::Vector3 to_imu = -Eigen::Map<const inertiad::Vector3>(k.imu_position);
-    inertiad::Theta theta = Eigen::Map<const inertiad::Theta>(k.prior_theta);
-    inertiad::Covariance P = Eigen::Map<const inertiad::Covariance>(&k.prior_covariance[0][0]);
-    ipe_body_shift(to_imu.data(), theta.data(), inertiad::as_array(P));
-    double std[IPE_NX_MAX - IPE_NP];
-    ipe_filter_states_std(&k, std);
-    ipe_filter_states_t states;
-    ipe_rls_t rls;
-    ipe_noise_t noise;
-    ipe_filter_states_init(&states);
-    if (ipe_noise_init(&noise, k.residual_covariance) != IPE_OK ||
-        ipe_rls_init(&rls, theta.data(), inertiad::as_array(P), ipe_filter_states_count(k.n_cables) - IPE_NP, std) !=
-            IPE_OK) {
+    double length = 0.0;
+    std::vector<ipe_average_t> window = averages_of(config, rate, {s, w, p, R, f}, length);
+    if (y.shape(0) != window.size()) { throw std::invalid_argument("y: needs one row per window of the motion"); }
+    const auto estimator = std::make_unique<ipe_estimator_t>();
+    if (ipe_estimator_init(estimator.get(), &config.c()) != IPE_OK) {
         throw std::invalid_argument("config: the filter refuses its prior");
     }
-    for (std::size_t i = 0; i < H.shape(0); ++i) {
-        double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX] = {}, rows[IPE_NY * IPE_NX_MAX];
-        double innovation[IPE_NY], S[IPE_NY][IPE_NY], nis;
-        const double* y_i = y.data() + IPE_NY * i;
-        for (std::size_t j = 0; j < IPE_NY; ++j) {
-            const double* row = H.data() + (IPE_NY * i + j) * n_x;
-            std::copy_n(row, IPE_NP, Y[j]);
-            std::transform(row + IPE_NP, row + n_x, X[j], std::negate<>());
+    for (std::size_t i = 0; i < window.size(); ++i) {
+        std::copy_n(y.data() + IPE_NY * i, IPE_NY, window[i].y);
+        ipe_estimator_predict(estimator.get(), &config.c(), window[i].t_ns);
+        if (ipe_estimator_update(estimator.get(), &config.c(), &window[i]) < IPE_OK) {
+            throw std::invalid_argument("motion, y: NaN, Inf or a cable without direction");
         }
-        ipe_filter_states_rows(&states, &k, Y, X, rows);
-        ipe_filter_states_advance(&states, &k,
-                                  1 + static_cast<int64_t>(2.5e8 * k.window_length * static_cast<double>(i)), &rls);
-        ipe_rls_innovation(&rls, rows, y_i, innovation, S);
-        if (ipe_rls_update(&rls, rows, y_i, noise.L, &nis) != IPE_OK) {
-            throw std::invalid_argument("H, y: NaN or Inf");
-        }
-        ipe_noise_push(&noise, innovation, S);
     }
-    ipe_rls_covariance(&rls, IPE_NP, P.data());
-    return P;
+    const int64_t t_ns = window.empty() ? 0 : window.back().t_ns;
+    if (ipe_estimator_publish(estimator.get(), &config.c(), t_ns) != IPE_OK) {
+        throw std::domain_error("no physically consistent body is near the estimate");
+    }
+    inertiad::Covariance covariance;
+    ipe_estimate_body_covariance(&estimator->estimate, inertiad::as_array(covariance));
+    return covariance;
+}
+
+/// Covariance [10,10] of mass, CoG and inertia that is published for theta [10] known with P [10,10], both about the IMU.
+inertiad::Covariance published_covariance(const inertiad::Config& config, const inertiad::Theta& theta,
+                                          const inertiad::Covariance& P)
+{
+    const ipe_estimate_t e = inertiad::publish(config, inertiad::solution(config, theta, P));
+    inertiad::Covariance covariance;
+    ipe_estimate_body_covariance(&e, inertiad::as_array(covariance));
+    return covariance;
+}
+
+/// The pipeline's counters and how they are judged.
+nb::list counter_table()
+{
+    nb::list table;
+    const ipe_counter_t* counter = nullptr;
+    for (unsigned i = 0; (counter = ipe_counter_table(i)) != nullptr; ++i) {
+        nb::dict d;
+        d["name"] = counter->name;
+        d["is_rejected"] = (counter->flags & IPE_COUNTER_REJECTED) != 0;
+        d["is_bad"] = (counter->flags & IPE_COUNTER_BAD) != 0;
+        table.append(d);
+    }
+    return table;
 }
 
 uint64_t decode_raw(const nb::bytes& data, int start, int length, bool big_endian, bool is_signed)
@@ -444,9 +459,15 @@ NB_MODULE(inertiad_core, m)
     m.def("planned_instants", &planned_instants, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "velocity"_a, "R"_a, "f"_a,
           "theta"_a, "[Y, -X] [N,6,21+2m] of single instants. systematic.h");
     m.def(
-        "rehearse", &rehearse, "config"_a, "H"_a, "y"_a,
-        "Covariance [10,10] of theta about the IMU after the filter took y [M,6] = H [M,6,21+2m] x + noise, from its own prior and "
-        "with the noise level it learns. rls.h, noise.h");
+        "rehearse", &rehearse, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "y"_a,
+        "Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to "
+        "planned_windows(), whose windows' wrenches are y [M,6]. estimator.h");
+    m.def(
+        "published_covariance", &published_covariance, "config"_a, "theta"_a, "P"_a,
+        "Covariance [10,10] of mass, CoG and inertia about P, as published for theta [10] with covariance P [10,10], both "
+        "about the IMU. ValueError: no physically consistent body is near theta. estimate.h");
+    m.def("counter_table", &counter_table,
+          "[{name, is_rejected, is_bad}] of every counter of the pipeline, in its order. counter_table.h");
     m.def("decode_raw", &decode_raw, "data"_a, "start"_a, "length"_a, "big_endian"_a, "is_signed"_a,
           "Raw bits of a signal, extended to 64 bits. decode.h");
     m.def("decode_frame", &decode_frame, "config"_a, "bus"_a, "can_id"_a, "data"_a,
@@ -485,11 +506,21 @@ NB_MODULE(inertiad_core, m)
             "step",
             [](OwnedPipeline& p) {
                 ipe_row_t row;
-                return int(p.view.step(row));
+                const int status = p.view.step(row);
+                if (status == IPE_OK || status == IPE_IGNORED) { p.rows.push_back(row); }
+                return status;
             },
-            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused.")
+            "Use one aligned row: 0 new estimate, 2 used, 1 none ready, < 0 refused. A used row is kept for Windows.")
         .def("drain", &OwnedPipeline::drain, "Step until no row is ready; the rows are kept for Windows.")
         .def("flush", [](OwnedPipeline& p) { p.view.flush(); })
+        .def(
+            "freeze", [](OwnedPipeline& p, bool is_frozen) { p.view.freeze(is_frozen); }, "is_frozen"_a,
+            "Stop learning from windows, or resume it.")
+        .def(
+            "reset", [](OwnedPipeline& p) { p.view.reset(); }, "Start the estimator again from its prior.")
+        .def(
+            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); }, "bias"_a,
+            "Use this gyro bias [3], I axes, rad/s, from the next row on.")
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 

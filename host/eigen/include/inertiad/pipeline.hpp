@@ -28,11 +28,14 @@ public:
     }
     ipe_status_t step(ipe_row_t& row) noexcept { return ipe_pipeline_step(p_, &row, nullptr); }
     void flush() noexcept { ipe_pipeline_flush(p_); }
-    const ipe_estimate_t& estimate() const noexcept { return p_->estimate; }
-    Eigen::Map<const Theta> theta() const noexcept { return Eigen::Map<const Theta>(p_->estimate.theta); }
+    void freeze(bool is_frozen) noexcept { ipe_pipeline_freeze(p_, is_frozen); }
+    void reset() noexcept { ipe_pipeline_reset(p_); }
+    void set_gyro_bias(const Vector3& bias) noexcept { ipe_pipeline_set_gyro_bias(p_, bias.data()); }
+    const ipe_estimate_t& estimate() const noexcept { return p_->estimator.estimate; }
+    Eigen::Map<const Theta> theta() const noexcept { return Eigen::Map<const Theta>(p_->estimator.estimate.theta); }
     Eigen::Map<const Covariance> covariance() const noexcept
     {
-        return Eigen::Map<const Covariance>(&p_->estimate.covariance[0][0]);
+        return Eigen::Map<const Covariance>(&p_->estimator.estimate.covariance[0][0]);
     }
 
 private:

@@ -212,6 +212,7 @@ nb::dict body_result(const inertiad::BatchBody& b)
     nb::dict d = body_dict(b.body);
     d["theta"] = b.theta, d["theta_possible"] = b.theta_possible, d["covariance"] = b.P;
     d["consistent"] = b.is_consistent, d["distance"] = b.distance;
+    d["prior"] = body_dict(b.prior);
     nb::list observable;
     for (const bool o : b.observable) { observable.append(o); }
     d["observable"] = observable;

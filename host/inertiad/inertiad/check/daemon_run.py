@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from inertiad.base.error import InputError
+from inertiad.base.source_tree import TOP
 from inertiad.live import lcm_network, replay
 from inertiad.run import canlog, lcmlog, tracker_csv
 from inertiad.run.canlog import CanLog
@@ -90,7 +91,7 @@ def _no_frames() -> CanLog:
 
 def daemon_path() -> Path:
     """build/bin/inertiad of this project. InputError: not built."""
-    path = Path(__file__).resolve().parents[3] / "build/bin/inertiad"
+    path = TOP / "build/bin/inertiad"
     if not path.exists():
         raise InputError(f"{path}: not there: allowed: after make build, or with --daemon FILE")
     return path

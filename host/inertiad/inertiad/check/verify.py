@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 import inertiad_core
 from inertiad.base import body as estimate
 from inertiad.base import channels, quantity
+from inertiad.base import counters as judgement
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.check import daemon_run
@@ -46,44 +47,6 @@ LATENCY_MAX: Final = 0.1
 """s, p99 from a frame's stamp to the arrival of its RAW message"""
 DIFFERENCES_SHOWN: Final = 3
 NS_PER_S: Final = 1e9
-
-BAD_COUNTERS: Final = (
-    "dropped_by_kernel",
-    "dropped_by_logger",
-    "controller_overruns",
-    "error_frames",
-    "bad_stamp",
-    "bad_name",
-    "bad_id",
-    "bad_data",
-    "bad_tail",
-    "too_long",
-    "cut",
-    "stray_stamp",
-    "stray_time",
-    "went_down",
-    "bad_rows",
-    "bad_length",
-    "signal_not_finite",
-    "signal_out_of_range",
-    "incomplete",
-    "lost",
-    "counter_jumps",
-    "duplicate_frames",
-    "duplicate",
-    "refused",
-    "steps",
-    "backwards",
-    "restarts",
-    "not_finite",
-    "bad_quaternion",
-    "overrun",
-    "bad_geometry",
-    "failed",
-    "estimates_not_finite",
-    "tracker_bad_message",
-)
-"""last parts of counters that must be zero on a good run"""
 
 
 @dataclass(frozen=True)
@@ -222,7 +185,7 @@ def _is_bad(counter: str, is_live: bool) -> bool:
     Samples that a busy host stamped too late are judged by _check_rows(): they are not the daemon's doing.
     """
     stage, _, name = counter.partition(".")
-    return counter.rpartition(".")[2] in BAD_COUNTERS and not (is_live and stage == "align" and "backwards" in name)
+    return judgement.is_bad(counter) and not (is_live and stage == "align" and "backwards" in name)
 
 
 def _check_counters(case: Case) -> Iterator[Check]:

@@ -9,8 +9,9 @@ import numpy as np
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
+from inertiad.base.table import Table, at_ns
 from inertiad.exchange import body_formats, dataset, file_formats
-from inertiad.exchange.dataset import Dataset, Sheet
+from inertiad.exchange.dataset import Dataset
 from inertiad.robot import description
 from inertiad.run import canlog, encode
 
@@ -36,7 +37,7 @@ def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, 
         return [f"{output}: mass {body.mass:.6g} kg"]
     data = dataset.read(run, robot, prefix, remarks)
     written = file_formats.FORMATS[form].write(output, data)
-    contents = [f"{sheet.name} {len(sheet)}" for sheet in data.all()]
+    contents = [f"{table.name} {len(table)}" for table in data.all()]
     if form == "candump" and data.frames is not None:
         contents = [f"frames {len(data.frames)}"]
     if len(written) == 1:
@@ -55,19 +56,19 @@ def _reader(path: Path) -> Callable[[Path], Dataset]:
     raise InputError(f"{path}: unknown ending: allowed: {', '.join(known)}")
 
 
-def _valid_positions(sheet: Sheet) -> Sheet:
+def _valid_positions(table: Table) -> Table:
     """The columns of tracker.csv, of the samples that count."""
-    chosen = sheet.columns.get("valid", np.ones(len(sheet), np.bool_))
-    names = [name for name in (*"xyz", *quantity.QUATERNION) if name in sheet.columns]
-    return Sheet(sheet.name, sheet.t_ns[chosen], {name: sheet.columns[name][chosen] for name in names})
+    chosen = table.columns.get("valid", np.ones(len(table), np.bool_))
+    names = [name for name in (*"xyz", *quantity.QUATERNION) if name in table.columns]
+    return at_ns(table.name, table.t_ns[chosen], {name: table.columns[name][chosen] for name in names})
 
 
 def _write_run(data: Dataset, folder: Path) -> Iterator[str]:
-    for name, kept in (("signals", lambda sheet: sheet), ("tracker", _valid_positions)):
-        if name in data.sheets:
-            sheet = kept(data.sheets[name])
-            dataset.write_csv(folder / f"{name}.csv", sheet, with_units=False)
-            yield f"{folder / name}.csv: {len(sheet)} rows"
+    for name, kept in (("signals", lambda table: table), ("tracker", _valid_positions)):
+        if name in data.tables:
+            table = kept(data.tables[name])
+            dataset.write_csv(folder / f"{name}.csv", table, with_units=False)
+            yield f"{folder / name}.csv: {len(table)} rows"
     if data.frames is not None:
         file_formats.write_candump(folder / "can.log", data)
         yield f"{folder / 'can.log'}: {len(data.frames)} frames"
@@ -83,7 +84,7 @@ def import_file(file: Path, folder: Path, robot: Path | None, remarks: list[str]
     data = _reader(file)(file)
     if data.frames is not None:
         remarks.extend(data.frames.remarks)
-    left = [name for name in data.sheets if name not in ("signals", "tracker")]
+    left = [name for name in data.tables if name not in ("signals", "tracker")]
     if left:
         remarks.append(f"{file}: {', '.join(left)}: left out, the daemon and fit make them anew")
     encode.open_run(folder)

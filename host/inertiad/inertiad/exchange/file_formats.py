@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """File formats of other tools, each with its writer and, beside it, its reader.
 
-csv       one file per sheet: FILE holds the first, FILE's stem.SHEET.csv the others; heads with units
+csv       one file per table: FILE holds the first, FILE's stem.TABLE.csv the others; heads with units
 parquet   likewise; the unit is the metadata "unit" of each field
-mcap      a channel per sheet, JSON messages with a JSON schema whose descriptions are the units: Foxglove, PlotJuggler
-mat       MATLAB 5: a struct per sheet, and a struct units; t in s, t_ns exact
-mf4       ASAM MDF 4.1: a channel group per sheet, t_ns exact; CAN frames as bus logging, for tools that know DBC
+mcap      a channel per table, JSON messages with a JSON schema whose descriptions are the units: Foxglove, PlotJuggler
+mat       MATLAB 5: a struct per table, and a struct units; t in s, t_ns exact
+mf4       ASAM MDF 4.1: a channel group per table, t_ns exact; CAN frames as bus logging, for tools that know DBC
 candump   can-utils' log: the frames alone, stamps in us
 """
 
@@ -24,8 +24,9 @@ import numpy as np
 
 from inertiad.base import units
 from inertiad.base.error import InputError
+from inertiad.base.table import Table, at_ns
 from inertiad.exchange import dataset
-from inertiad.exchange.dataset import Dataset, Sheet
+from inertiad.exchange.dataset import Dataset
 from inertiad.run import canlog
 from inertiad.run.canlog import CanLog
 
@@ -43,9 +44,9 @@ def _package(name: str, form: str) -> Any:
         ) from None
 
 
-def dataset_of(found: list[Sheet], source: str, frames: CanLog | None = None) -> Dataset:
-    """What a file held; a sheet of frames becomes CAN frames again. InputError: nothing, or it is damaged."""
-    by_name = {sheet.name: sheet for sheet in found if len(sheet)}
+def dataset_of(found: list[Table], source: str, frames: CanLog | None = None) -> Dataset:
+    """What a file held; a table of frames becomes CAN frames again. InputError: nothing, or it is damaged."""
+    by_name = {table.name: table for table in found if len(table)}
     if "frames" in by_name:
         frames = dataset.frames_of(by_name.pop("frames"), source)
     if not by_name and frames is None:
@@ -53,35 +54,35 @@ def dataset_of(found: list[Sheet], source: str, frames: CanLog | None = None) ->
     return Dataset({name: by_name[name] for name in dataset.NAMES if name in by_name}, frames, source)
 
 
-def _sheet(name: str, columns: dict[str, Any], source: str) -> Sheet:
-    """A sheet from columns as a reader gives them; t_ns is exact, t serves where it is missing."""
+def _table(name: str, columns: dict[str, Any], source: str) -> Table:
+    """A table from columns as a reader gives them; t_ns is exact, t serves where it is missing."""
     exact, t = columns.pop("t_ns", None), columns.pop("t", None)
     try:
         t_ns = (
             np.asarray(exact, np.int64) if exact is not None else np.rint(1e9 * np.asarray(t, float)).astype(np.int64)
         )
-        return Sheet(name, t_ns, {key: dataset.typed(name, key, values) for key, values in columns.items()})
+        return at_ns(name, t_ns, {key: dataset.typed(name, key, values) for key, values in columns.items()})
     except (TypeError, ValueError) as error:
         raise InputError(f"{source}: {name}: {error}") from None
 
 
-# ---- one file per sheet: CSV, Parquet --------------------------------------------------------------------------------
+# ---- one file per table: CSV, Parquet --------------------------------------------------------------------------------
 
 
 def _beside(path: Path, name: str) -> Path:
     return path.with_name(f"{path.stem}.{name}{path.suffix}")
 
 
-def _write_each(path: Path, data: Dataset, write: Callable[[Path, Sheet], None]) -> list[Path]:
+def _write_each(path: Path, data: Dataset, write: Callable[[Path, Table], None]) -> list[Path]:
     written: list[Path] = []
-    for sheet in data.all():
-        target = _beside(path, sheet.name) if written else path
-        write(target, sheet)
+    for table in data.all():
+        target = _beside(path, table.name) if written else path
+        write(target, table)
         written.append(target)
     return written
 
 
-def _read_each(path: Path, read: Callable[[Path], Sheet]) -> Dataset:
+def _read_each(path: Path, read: Callable[[Path], Table]) -> Dataset:
     beside = [_beside(path, name) for name in dataset.NAMES]
     return dataset_of([read(file) for file in (path, *beside) if file.exists()], str(path))
 
@@ -96,16 +97,16 @@ def read_csv(path: Path) -> Dataset:
     return _read_each(path, dataset.read_csv)
 
 
-def _write_parquet_sheet(path: Path, sheet: Sheet) -> None:
+def _write_parquet_table(path: Path, table: Table) -> None:
     arrow = _package("pyarrow", "parquet")
-    columns = {"t": sheet.t, "t_ns": sheet.t_ns, **sheet.columns}
+    columns = {"t": table.t, "t_ns": table.t_ns, **table.columns}
     arrays = {name: arrow.array(values) for name, values in columns.items()}
     fields = [arrow.field(name, a.type, metadata={"unit": units.of(name)}) for name, a in arrays.items()]
-    schema = arrow.schema(fields, metadata={"sheet": sheet.name, "note": NOTE})
+    schema = arrow.schema(fields, metadata={"sheet": table.name, "note": NOTE})
     _package("pyarrow.parquet", "parquet").write_table(arrow.table(arrays, schema=schema), path)
 
 
-def _read_parquet_sheet(path: Path) -> Sheet:
+def _read_parquet_table(path: Path) -> Table:
     arrow = _package("pyarrow", "parquet")
     try:
         table = _package("pyarrow.parquet", "parquet").read_table(path)
@@ -115,17 +116,17 @@ def _read_parquet_sheet(path: Path) -> Sheet:
         raise InputError(f"{path}: no column t: allowed: t in s, or t_ns")
     metadata = table.schema.metadata or {}
     name = metadata.get(b"sheet", dataset.name_of(table.column_names).encode()).decode()
-    return _sheet(name, {key: table[key].to_pylist() for key in table.column_names}, str(path))
+    return _table(name, {key: table[key].to_pylist() for key in table.column_names}, str(path))
 
 
 def write_parquet(path: Path, data: Dataset) -> list[Path]:
     """Apache Parquet."""
-    return _write_each(path, data, _write_parquet_sheet)
+    return _write_each(path, data, _write_parquet_table)
 
 
 def read_parquet(path: Path) -> Dataset:
     """The Parquet files of an export, or one from anywhere."""
-    return _read_each(path, _read_parquet_sheet)
+    return _read_each(path, _read_parquet_table)
 
 
 # ---- MCAP ------------------------------------------------------------------------------------------------------------
@@ -133,13 +134,13 @@ def read_parquet(path: Path) -> Dataset:
 _JSON_TYPE: Final = {"f": ["number", "null"], "i": "integer", "b": "boolean", "O": "string"}
 
 
-def _json_schema(sheet: Sheet) -> bytes:
+def _json_schema(table: Table) -> bytes:
     properties = {
         name: {"type": _JSON_TYPE[values.dtype.kind], "description": units.of(name)}
-        for name, values in sheet.columns.items()
+        for name, values in table.columns.items()
     }
     stamp = {"type": "integer", "description": "ns"}
-    schema = {"title": sheet.name, "type": "object", "properties": {"t_ns": stamp, **properties}, "description": NOTE}
+    schema = {"title": table.name, "type": "object", "properties": {"t_ns": stamp, **properties}, "description": NOTE}
     return json.dumps(schema).encode()
 
 
@@ -155,15 +156,15 @@ def write_mcap(path: Path, data: Dataset) -> list[Path]:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="inertiad")
-        for sheet in data.all():
-            schema = writer.register_schema(sheet.name, "jsonschema", _json_schema(sheet))
-            channel = writer.register_channel(f"/{sheet.name}", "json", schema)
-            names = ("t_ns", *sheet.columns)
-            lists = [sheet.t_ns.tolist(), *map(_finite_or_none, sheet.columns.values())]
+        for table in data.all():
+            schema = writer.register_schema(table.name, "jsonschema", _json_schema(table))
+            channel = writer.register_channel(f"/{table.name}", "json", schema)
+            names = ("t_ns", *table.columns)
+            lists = [table.t_ns.tolist(), *map(_finite_or_none, table.columns.values())]
             for k, row in enumerate(zip(*lists, strict=True)):
                 message = json.dumps(dict(zip(names, row, strict=True))).encode()
                 writer.add_message(channel, max(row[0], 0), message, max(row[0], 0), k)
-            writer.add_metadata(f"units of {sheet.name}", {name: units.of(name) for name in names})
+            writer.add_metadata(f"units of {table.name}", {name: units.of(name) for name in names})
         writer.finish()
     return [path]
 
@@ -184,7 +185,7 @@ def read_mcap(path: Path) -> Dataset:
     for topic, listed in rows.items():
         name = topic if topic in dataset.NAMES else dataset.name_of(listed[0])
         columns = {key: [np.nan if row.get(key) is None else row[key] for row in listed] for key in listed[0]}
-        found.append(_sheet(name, columns, str(path)))
+        found.append(_table(name, columns, str(path)))
     return dataset_of(found, str(path))
 
 
@@ -197,10 +198,10 @@ def write_mat(path: Path, data: Dataset) -> list[Path]:
 
     contents: dict[str, Any] = {"note": NOTE}
     named: dict[str, dict[str, str]] = {}
-    for sheet in data.all():
-        columns = {"t": sheet.t, "t_ns": sheet.t_ns, **sheet.columns}
-        contents[sheet.name] = {name: values.reshape(-1, 1) for name, values in columns.items()}
-        named[sheet.name] = {name: units.of(name) for name in columns}
+    for table in data.all():
+        columns = {"t": table.t, "t_ns": table.t_ns, **table.columns}
+        contents[table.name] = {name: values.reshape(-1, 1) for name, values in columns.items()}
+        named[table.name] = {name: units.of(name) for name in columns}
     savemat(path, contents | {"units": named}, long_field_names=True, do_compression=True)
     return [path]
 
@@ -224,7 +225,7 @@ def read_mat(path: Path) -> Dataset:
         if name in contents and contents[name].dtype.names and {"t", "t_ns"} & set(contents[name].dtype.names):
             struct = contents[name][0, 0]
             columns = {key: _mat_column(struct[key]) for key in struct.dtype.names}
-            found.append(_sheet(name, columns, str(path)))
+            found.append(_table(name, columns, str(path)))
     return dataset_of(found, str(path))
 
 
@@ -237,7 +238,7 @@ _FRAME_KINDS: Final = (("CAN_DataFrame", 0), ("CAN_RemoteFrame", canlog.REMOTE),
 
 def _start_us(data: Dataset) -> int:
     """Host time at which the file begins, us: MDF's times are seconds from there."""
-    times = [sheet.t_ns for sheet in data.sheets.values()] + ([data.frames.t_ns] if data.frames is not None else [])
+    times = [table.t_ns for table in data.tables.values()] + ([data.frames.t_ns] if data.frames is not None else [])
     return min(int(t.min()) for t in times) // 1000
 
 
@@ -295,22 +296,22 @@ def write_mf4(path: Path, data: Dataset) -> list[Path]:
     with MDF(version="4.10") as mdf:
         mdf.header.start_time = _EPOCH + timedelta(microseconds=start_us)
         mdf.header.comment = NOTE
-        for sheet in data.sheets.values():
-            seconds = 1e-9 * (sheet.t_ns - 1000 * start_us)
+        for table in data.tables.values():
+            seconds = 1e-9 * (table.t_ns - 1000 * start_us)
             group = [
                 Signal(
                     _mf4_samples(v), seconds, unit=units.of(n), name=n, encoding="utf-8" if v.dtype == object else None
                 )
-                for n, v in {"t_ns": sheet.t_ns, **sheet.columns}.items()
+                for n, v in {"t_ns": table.t_ns, **table.columns}.items()
             ]
-            mdf.append(group, acq_name=sheet.name, comment=sheet.name, common_timebase=True)
+            mdf.append(group, acq_name=table.name, comment=table.name, common_timebase=True)
         if data.frames is not None:
             _append_frames(mdf, data.frames, start_us)
         mdf.save(path, overwrite=True, compression=1)
     return [path]
 
 
-def _mf4_sheet(mdf: Any, index: int, name: str, start_us: int) -> Sheet:
+def _mf4_table(mdf: Any, index: int, name: str, start_us: int) -> Table:
     masters = (2, 3)  # the time itself, stored or virtual
     channels = mdf.groups[index].channels
     signals = mdf.select([(None, index, k) for k, c in enumerate(channels) if c.channel_type not in masters])
@@ -318,7 +319,7 @@ def _mf4_sheet(mdf: Any, index: int, name: str, start_us: int) -> Sheet:
         s.name: [v.decode() for v in s.samples.tolist()] if s.samples.dtype.kind == "S" else s.samples for s in signals
     }
     t_ns = 1000 * start_us + np.rint(1e9 * signals[0].timestamps).astype(np.int64)
-    return _sheet(name, {"t_ns": t_ns} | columns, str(mdf.name))
+    return _table(name, {"t_ns": t_ns} | columns, str(mdf.name))
 
 
 @contextmanager
@@ -333,7 +334,7 @@ def _silent_destructors() -> Iterator[None]:
 
 
 def read_mf4(path: Path) -> Dataset:
-    """The channel groups named as sheets, and the logged CAN frames."""
+    """The channel groups named as tables, and the logged CAN frames."""
     with _silent_destructors():
         found, has_frames, reason = _read_mf4(path)
     if reason:
@@ -341,7 +342,7 @@ def read_mf4(path: Path) -> Dataset:
     return dataset_of(found, str(path), canlog.read(path) if has_frames else None)
 
 
-def _read_mf4(path: Path) -> tuple[list[Sheet], bool, str]:
+def _read_mf4(path: Path) -> tuple[list[Table], bool, str]:
     """Sheets, whether there are frames, and why it is not usable, "" if it is."""
     from asammdf import MDF
 
@@ -351,7 +352,7 @@ def _read_mf4(path: Path) -> tuple[list[Sheet], bool, str]:
             names = [group.channel_group.acq_name for group in mdf.groups]
             has_frames = any(c.name in dict(_FRAME_KINDS) for group in mdf.groups for c in group.channels)
             start_us = (mdf.header.start_time - _EPOCH) // timedelta(microseconds=1)
-            return [_mf4_sheet(mdf, i, n, start_us) for i, n in enumerate(names) if n in dataset.NAMES], has_frames, ""
+            return [_mf4_table(mdf, i, n, start_us) for i, n in enumerate(names) if n in dataset.NAMES], has_frames, ""
     except InputError:
         raise
     except Exception as error:  # its reader raises several unrelated types

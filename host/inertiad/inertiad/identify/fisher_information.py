@@ -94,10 +94,7 @@ class Model:
 
     def covariance(self, P: Array) -> Array:
         """Published covariance [10, 10] of mass, CoG and inertia from the filter's P [10, 10] about the IMU."""
-        S = self.E[:, :10] @ P @ self.E[:, :10].T
-        share = self.robot.std.geometry**2 / self.robot.n_cables
-        S[range(1, 4), range(1, 4)] += share
-        return S
+        return np.asarray(inertiad_core.published_covariance(self.config, self.theta, P))
 
     def sigma(self, information: Array) -> Array:
         """Published sigma [10] of mass, CoG and inertia for a filter with this information matrix [n, n]."""
@@ -147,7 +144,7 @@ class Model:
         Median over N_REHEARSALS of the core's filter on the planned equations with errors drawn from [std].
         """
         H, length = self.windows(motion, f, rate), self.robot.estimator.window_length
-        hop, n_xi = 0.25 * length, H.shape[2] - 10
+        hop, n_xi, s = 0.25 * length, H.shape[2] - 10, self._specific_force(motion)
         middle = np.rint((0.5 * length + hop * np.arange(len(H))) * rate).astype(int)
         middle = np.minimum(middle, len(f) - 1)
         centre = Motion(*(getattr(motion, name)[middle] for name in ("p", "v", "a", "R", "omega", "alpha")))
@@ -158,7 +155,7 @@ class Model:
             xi = inertiad_core.systematic_std(self.config)[:n_xi] * dice.standard_normal(n_xi)
             y = H @ np.concatenate([self.theta, xi]) + np.einsum("kij,kj->ki", H[:, :, ATTITUDE], turn)
             y += self._misplaced(centre, f[middle], dice)
-            found.append(self.covariance(np.asarray(inertiad_core.rehearse(self.config, H, y))))
+            found.append(inertiad_core.rehearse(self.config, rate, s, motion.omega, motion.p, motion.R, f, y))
         return np.asarray(np.median(found, axis=0))
 
 

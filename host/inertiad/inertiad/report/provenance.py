@@ -9,6 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
+from inertiad.base.source_tree import TOP
 from inertiad.report.figure import Table
 from inertiad.report.report_data import Facts
 
@@ -39,8 +40,7 @@ def files(facts: Facts) -> Table:
 
 def revision() -> str:
     """Of the source tree, or "" outside of one."""
-    top = Path(__file__).resolve().parents[4]
-    command = ["git", "-C", str(top), "describe", "--always", "--dirty"]
+    command = ["git", "-C", str(TOP), "describe", "--always", "--dirty"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):

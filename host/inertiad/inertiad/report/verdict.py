@@ -8,8 +8,8 @@ from typing import Final, Literal
 
 import numpy as np
 
+from inertiad.base import counters
 from inertiad.base.body import NAMES
-from inertiad.check import verify
 from inertiad.identify import calibrate
 from inertiad.report import wording
 from inertiad.report.report_data import GAP, Facts, apart
@@ -180,7 +180,7 @@ def _losses(facts: Facts) -> Iterator[Finding]:
         bad = {
             k: n
             for k, n in recording.counters.items()
-            if n and k.rpartition(".")[2] in verify.BAD_COUNTERS and k.rpartition(".")[2] not in causes
+            if n and counters.is_bad(k) and k.rpartition(".")[2] not in causes
         }
         if bad:
             told = ", ".join(f"{k} {n}" for k, n in bad.items())

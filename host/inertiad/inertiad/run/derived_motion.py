@@ -149,8 +149,8 @@ def _poses(robot: Robot, signals: Table, positions: Table) -> Completed:
     nearest = np.abs(positions.t[:, None] - signals.t).argmin(axis=0)
     xyz = {a: positions.columns[a][nearest] for a in ("x", "y", "z")}
     robot = robot.model_copy(update={"imu": robot.imu.model_copy(update={"rate": 1.0 / dt})})
-    repeated = Table(t, {name: np.repeat(v, POSE_SAMPLES) for name, v in kept.items()}, signals.source)
-    held = Table(t, {a: np.repeat(v, POSE_SAMPLES) for a, v in xyz.items()}, positions.source)
+    repeated = Table(t, {name: np.repeat(v, POSE_SAMPLES) for name, v in kept.items()}, signals.name)
+    held = Table(t, {a: np.repeat(v, POSE_SAMPLES) for a, v in xyz.items()}, positions.name)
     note = f"{len(signals.t)} poses at rest: no inertia in them"
     return Completed(robot, repeated, held, derives_force, False, (note,))
 
@@ -175,5 +175,5 @@ def completed(robot: Robot, signals: Table, positions: Table) -> Completed:
         columns |= dict(zip(quantity.ACC, s.T, strict=True))
         robot = robot.model_copy(update={"align": robot.align.model_copy(update={"max_carry": 0.0})})
         notes.append("specific force derived from positions")
-    whole = Table(signals.t, columns, signals.source)
+    whole = Table(signals.t, columns, signals.name)
     return Completed(robot, whole, positions, derives_force, derives_rate, tuple(notes))

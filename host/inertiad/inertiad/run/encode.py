@@ -129,7 +129,7 @@ def _bits_of(binding: Binding, signals: Table, t_device: Array) -> Bits:
         return _count_of(binding, len(signals.t))
     if binding.quantity in quantity.TIME:
         return _tick_of(binding, t_device)
-    return raw_of(binding, signals.t, signals.columns[binding.quantity], signals.source)
+    return raw_of(binding, signals.t, signals.columns[binding.quantity], signals.name)
 
 
 def _pack_message(message: Message, bindings: list[Binding], bits: dict[int, Bits], n: int) -> NDArray[np.uint8]:
@@ -256,15 +256,13 @@ def with_attitude(signals: Table) -> Table:
         far = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
         if len(far):
             at = int(far[0])
-            raise InputError(
-                f"{signals.source}: t = {signals.t[at]:.6f} s: |q| = {norm[at]:.4g}: allowed: 1, within 1 %"
-            )
+            raise InputError(f"{signals.name}: t = {signals.t[at]:.6f} s: |q| = {norm[at]:.4g}: allowed: 1, within 1 %")
         rpy = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX")[:, ::-1]
         columns = dict(zip(quantity.RPY, rpy.T, strict=True)) | columns
     elif all(name in columns for name in quantity.RPY):
         rotation = Rotation.from_euler("ZYX", signals.stack(*quantity.RPY)[:, ::-1])
         columns |= dict(zip(quantity.QUATERNION, rotation.as_quat(scalar_first=True).T, strict=True))
-    return Table(signals.t, columns, signals.source)
+    return Table(signals.t, columns, signals.name)
 
 
 def read_signals(path: Path, robot: Robot) -> Table:

@@ -8,11 +8,12 @@ CSV lacks, rates or specific force, is derived from the other columns; see deriv
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 import inertiad_core
+from inertiad.base import counters as judgement
 from inertiad.base import quantity, table
 from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
@@ -21,13 +22,6 @@ from inertiad.robot.description import Robot
 from inertiad.run import derived_motion, encode, lcmlog, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
-
-REJECTED: Final = (
-    *("align.force.missing", "align.force.late", "align.position.missing", "align.position.late", "align.overrun"),
-    *("align.imu.backwards", "align.imu.duplicate", "align.imu.not_finite", "align.imu.bad_quaternion"),
-    *("pace.imu.dropped", "stuck.imu.refused", "clock.unsettled", "wrench.bad_geometry", "window.backwards"),
-)
-"""counters of rows lost or refused, as the daemon's estimate.json adds them up"""
 
 
 @dataclass(frozen=True)
@@ -91,7 +85,7 @@ def _read_folder(folder: Path, robot: Robot) -> Recording:
         raise InputError(f'{tracker}: not there, but position.source = "tracker"')
     pipeline = play(folder, robot, str(folder), tracker if needs_tracker else None)
     counters = {k: int(v) for k, v in pipeline.counters.items()}
-    rejected = sum(counters[name] for name in REJECTED)
+    rejected = sum(counters[name] for name in judgement.REJECTED)
     return Recording(folder, robot, inertiad_core.rows_of(pipeline), counters["decode.frames"], rejected, counters)
 
 
@@ -131,7 +125,7 @@ def _read_lcm(log: Path, robot: Robot) -> Recording:
     columns = [np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items()]
     counters = {c.name: c.value for c in health[-1].counter} if health else {}
     t_ns = np.array([row.t_ns for row in rows], dtype=np.int64)
-    rejected = sum(counters.get(name, 0) for name in REJECTED)
+    rejected = sum(counters.get(name, 0) for name in judgement.REJECTED)
     return Recording(
         log, robot, inertiad_core.Rows(t_ns, *columns), counters.get("decode.frames", 0), rejected, counters
     )
@@ -141,7 +135,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
     """Tracked positions over time, from the signals' own columns, tracker.csv beside them, or the fixed position."""
     if all(name in signals.columns for name in quantity.POSITION):
         xyz = dict(zip(("x", "y", "z"), signals.stack(*quantity.POSITION).T, strict=True))
-        return Table(signals.t, xyz, signals.source)
+        return Table(signals.t, xyz, signals.name)
     if robot.position.source == "fixed" and robot.position.fixed is not None:
         return Table(
             signals.t, {a: np.full(len(signals.t), v) for a, v in zip("xyz", robot.position.fixed, strict=True)}, ""
@@ -168,7 +162,7 @@ def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[T
         raise InputError(f"{beside}: no pose within {robot.align.max_age_position:g} s of any sample of {file}")
     kept = {name: values[chosen] for name, values in signals.columns.items()}
     kept |= dict(zip(quantity.QUATERNION, q.T, strict=True))
-    return Table(signals.t[chosen], kept, signals.source), ("attitude of the tracker's poses",)
+    return Table(signals.t[chosen], kept, signals.name), ("attitude of the tracker's poses",)
 
 
 def _read_signals(file: Path, robot: Robot) -> Recording:

@@ -9,8 +9,8 @@
 /// No state, any thread; N times L products.
 #pragma once
 
-#include "derived.hpp"
-#include "windows.hpp"
+#include "../derived.hpp"
+#include "../windows.hpp"
 
 extern "C" {
 #include "noise.h"
@@ -20,11 +20,9 @@ extern "C" {
 #include <cmath>
 #include <vector>
 
-namespace inertiad {
+namespace inertiad::detail {
 
 constexpr double BANDWIDTH_MAX = 20.0;  // s
-
-namespace detail {
 
 template <int N>
 using Series = std::vector<Eigen::Matrix<double, N, 1>>;
@@ -65,5 +63,4 @@ Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& windo
     return sum;
 }
 
-}  // namespace detail
-}  // namespace inertiad
+}  // namespace inertiad::detail

@@ -10,7 +10,7 @@
 
 #include <cmath>
 
-namespace inertiad {
+namespace inertiad::detail {
 
 /// Rows [A, b] of a least-squares problem, kept as the triangle of their QR factors.
 class Triangle {
@@ -73,4 +73,4 @@ private:
     Eigen::MatrixXd R_;
 };
 
-}  // namespace inertiad
+}  // namespace inertiad::detail

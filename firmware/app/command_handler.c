@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "control.h"
+#include "command_handler.h"
 
-#include "flow.h"
+#include "config_diff.h"
+#include "data_path.h"
 #include "health.h"
 #include "message.h"
-#include "config_diff.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
-/// What the answer says.
 typedef struct {
     bool is_done;
     char text[REASON_SIZE];
@@ -31,68 +30,67 @@ static answer_t answer(bool is_done, const char* format, ...)
 
 static answer_t freeze(daemon_t* d, bool is_frozen)
 {
-    const uint64_t n = d->pipeline->estimate.n_windows;
+    const uint64_t n = d->pipeline->estimator.estimate.n_windows;
     const char* state = is_frozen ? "frozen" : "learning";
     if (d->pipeline->is_frozen == is_frozen) { return answer(true, "%s already, %" PRIu64 " windows", state, n); }
+    ipe_publish_order(&d->publisher, is_frozen ? IPE_COMMAND_FREEZE : IPE_COMMAND_RESUME, daemon_now(d), NULL);
     ipe_pipeline_freeze(d->pipeline, is_frozen);
     return answer(true, "%s after %" PRIu64 " windows", state, n);
 }
 
 static answer_t reset(daemon_t* d)
 {
-    const uint64_t n = d->pipeline->estimate.n_windows;
+    const uint64_t n = d->pipeline->estimator.estimate.n_windows;
+    ipe_publish_order(&d->publisher, IPE_COMMAND_RESET, daemon_now(d), NULL);
     health_carry(d, d->pipeline);
     ipe_pipeline_reset(d->pipeline);
     health_carried(d, d->pipeline);
-    d->n_changes_reported = d->pipeline->detect.n_changes;
-    return answer(true, "%" PRIu64 " windows forgotten; starting from the prior%s", n,
+    d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
+    return answer(true, "%" PRIu64 " windows discarded; starting from the prior%s", n,
                   d->pipeline->is_frozen ? " after resume" : "");
 }
 
-/// The configuration in use is another one now: for what is published, recorded and kept.
-static void spread_config(daemon_t* d)
+/// Publish and record with the configuration now in use.
+static void publish_config(daemon_t* d)
 {
     ipe_publish_configure(&d->publisher, &d->config);
-    ipe_publish_received(&d->publisher, IPE_PUBLISH_CONFIG, flow_now(d), d->config_bytes, d->n_config_bytes);
+    ipe_publish_received(&d->publisher, IPE_PUBLISH_CONFIG, daemon_now(d), d->config_bytes, d->n_config_bytes);
 }
 
 static answer_t tare(daemon_t* d)
 {
     double bias[3];
     const double* was = d->config.gyro_bias;
-    const char* reason = ipe_rest_detector_read(&d->rest, flow_now(d), bias);
+    const char* reason = ipe_rest_detector_read(&d->rest, daemon_now(d), bias);
     if (reason != NULL) { return answer(false, "%s", reason); }
     const answer_t a = answer(true, "gyro_bias = [%.6f, %.6f, %.6f] rad/s, was [%.6f, %.6f, %.6f]", bias[0], bias[1],
                               bias[2], was[0], was[1], was[2]);
-    memcpy(d->config.gyro_bias, bias, sizeof bias);
-    (void)ipe_config_set_gyro_bias(d->config_bytes, d->n_config_bytes + IPE_CONFIG_CRC_BYTES, bias);
+    daemon_set_gyro_bias(d, bias);
+    ipe_publish_order(&d->publisher, IPE_COMMAND_TARE, daemon_now(d), bias);
     ipe_pipeline_set_gyro_bias(d->pipeline, bias);
-    spread_config(d);
+    publish_config(d);
     return a;
 }
 
-/// Start the idle pipeline with a configuration that was tried there, and let it take over.
+/// Replace the pipeline in use by next, which was initialised with the new configuration.
 static void switch_pipeline(daemon_t* d, ipe_pipeline_t* next, bool keeps_learnt)
 {
     ipe_pipeline_t* last = d->pipeline;
-    ipe_pipeline_flush(last);  // rows that wait there belong to it
-    flow_step(d);
+    ipe_publish_order(&d->publisher, IPE_COMMAND_CONFIGURE, daemon_now(d), NULL);
+    data_path_flush(d);  // rows that wait belong to the last pipeline
     health_carry(d, last);
-    if (keeps_learnt) {
-        ipe_pipeline_learnt(last, &d->learnt);
-        ipe_pipeline_continue(next, &d->learnt);
-    }
+    if (keeps_learnt) { ipe_pipeline_continue(next, &last->estimator, last->config.gyro_bias); }
     ipe_pipeline_freeze(next, last->is_frozen);
     d->pipeline = next;
     health_carried(d, next);
-    d->n_changes_reported = next->detect.n_changes;
+    d->n_changes_reported = next->estimator.change_detector.n_changes;
 }
 
 static answer_t configure(daemon_t* d, const ipe_command_t* command)
 {
     char text[REASON_SIZE];
     ipe_config_t config;
-    memset(&config, 0, sizeof config);  // the holes between its fields are compared, too
+    memset(&config, 0, sizeof config);  // padding between fields is compared, too
     ipe_pipeline_t* next = &d->pipelines[d->pipeline == &d->pipelines[0] ? 1 : 0];
     if (ipe_config_from_bytes(command->config, command->n_config, &config, text, sizeof text) != IPE_OK ||
         !daemon_can_use(d, &config, text, sizeof text)) {
@@ -107,26 +105,26 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
     memcpy(d->config_bytes, command->config, command->n_config);
     d->n_config_bytes = command->n_config - IPE_CONFIG_CRC_BYTES;
     ipe_rest_detector_init(&d->rest);
-    spread_config(d);
+    publish_config(d);
     if (d->option.checkpoint != NULL) { ipe_checkpoint_configure(&d->checkpoint, d->config_bytes, d->n_config_bytes); }
-    const char* deaf = NULL;
+    const char* rejecting = NULL;
     for (unsigned i = 0; i < d->n_interfaces; ++i) {
-        if (ipe_source_socketcan_filter(&d->interface[i], &d->config) != 0) { deaf = d->interface[i].interface; }
+        if (ipe_source_socketcan_filter(&d->interface[i], &d->config) != 0) { rejecting = d->interface[i].interface; }
     }
     return answer(true, "%s changed; %s%s%s", text,
-                  difference == IPE_CONFIG_DIFF_LEARNT_HOLDS ? "what was learnt stays" : "starting from the prior",
-                  deaf == NULL ? "" : "; the new identifiers are not let through on ", deaf == NULL ? "" : deaf);
+                  difference == IPE_CONFIG_DIFF_LEARNT_HOLDS ? "the learnt state stays" : "starting from the prior",
+                  rejecting == NULL ? "" : "; frames with the new identifiers are not received on ", rejecting == NULL ? "" : rejecting);
 }
 
 static answer_t mark(const char* text)
 {
     if (text[0] == '\0' || strlen(text) > IPE_COMMAND_TEXT_MAX) {
-        return answer(false, "a mark has 1 to %d bytes", IPE_COMMAND_TEXT_MAX);
+        return answer(false, "the text of a mark must have 1 to %d bytes", IPE_COMMAND_TEXT_MAX);
     }
     return answer(true, "%s", text);
 }
 
-static answer_t carry_out(daemon_t* d, const ipe_command_t* command)
+static answer_t execute(daemon_t* d, const ipe_command_t* command)
 {
     switch (command->kind) {
     case IPE_COMMAND_FREEZE: return freeze(d, true);
@@ -135,7 +133,7 @@ static answer_t carry_out(daemon_t* d, const ipe_command_t* command)
     case IPE_COMMAND_TARE: return tare(d);
     case IPE_COMMAND_CONFIGURE: return configure(d, command);
     case IPE_COMMAND_MARK: return mark(command->text);
-    default: return answer(false, "no command of kind %d is known", command->kind);
+    default: return answer(false, "unknown kind of command: %d", command->kind);
     }
 }
 
@@ -145,16 +143,16 @@ static const char* name_of(int kind)
     return NAME[kind >= IPE_COMMAND_FREEZE && kind <= IPE_COMMAND_MARK ? kind : 0];
 }
 
-void control_take(daemon_t* d, const ipe_inbox_item_t* item)
+void command_handler_execute(daemon_t* d, const ipe_inbox_item_t* item)
 {
     char text[REASON_SIZE];
     const ipe_command_t* command = &item->command;
-    ipe_publish_received(&d->publisher, IPE_PUBLISH_COMMAND, flow_now(d), item->data, item->n);
-    const answer_t a = carry_out(d, command);
+    ipe_publish_received(&d->publisher, IPE_PUBLISH_COMMAND, daemon_now(d), item->data, item->n);
+    const answer_t a = execute(d, command);
     d->n_commands_done += a.is_done ? 1 : 0;
     d->n_commands_refused += a.is_done ? 0 : 1;
     (void)snprintf(text, sizeof text, "%s %s: %.*s", name_of(command->kind), a.is_done ? "done" : "refused",
                    REASON_SIZE - 32, a.text);
     ipe_message("%s", text);
-    ipe_publish_answer(&d->publisher, flow_now(d), command, a.is_done, text);
+    ipe_publish_answer(&d->publisher, daemon_now(d), command, a.is_done, text);
 }

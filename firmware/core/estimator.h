@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The estimator: windows of averaged motion and wrench in, inertial parameters and systematic errors out.
+///
+///   predict   the states to the window's time                                     filter_states.h
+///   update    equations -> innovation -> static? other payload? -> forget -> rows into the filter -> noise
+///   publish   theta, P -> estimate                                                 estimate.h
+/// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta
+/// to what the robot can carry. The noise that whitens the equations is the innovations' own long-run covariance.
+/// The daemon's pipeline and the host's rehearsal of a planned motion run this same cycle. Everything it has learnt is in
+/// ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
+/// Source: firmware/DESIGN.md, "Filter". 14 KB of state, 90 us per window of 8 cables, no heap, one thread.
+#ifndef IPE_ESTIMATOR_H
+#define IPE_ESTIMATOR_H
+
+#include "change_detector.h"
+#include "config.h"
+#include "eiv_correction.h"
+#include "estimate.h"
+#include "filter_states.h"
+#include "noise.h"
+#include "pose_dwell.h"
+#include "rls.h"
+#include "types.h"
+#include "window.h"
+
+/// Read freely, write never.
+typedef struct {
+    ipe_filter_states_t filter_states;
+    ipe_rls_t rls;
+    ipe_noise_t noise;
+    ipe_eiv_correction_t eiv_correction;
+    ipe_change_detector_t change_detector;
+    ipe_pose_dwell_t pose_dwell;
+    double nis;               ///< normalised innovation squared of the last window
+    uint64_t n_excited;       ///< windows not at rest
+    uint64_t n_rows;          ///< rows the windows were made of, counted by the caller
+    uint64_t n_refused;       ///< estimates not published because a value was not finite
+    ipe_estimate_t estimate;  ///< as last published; n_windows 0: none yet
+} ipe_estimator_t;
+
+/// Start from the configured prior, all counters 0. config must be checked.
+///
+/// IPE_OK; IPE_ERR_CONFIG: the prior shifted to the IMU is not positive definite, e not usable.
+ipe_status_t ipe_estimator_init(ipe_estimator_t* e, const ipe_config_t* config);
+
+/// Forget what was learnt and start from the prior; n_rows and n_refused go on.
+void ipe_estimator_reset(ipe_estimator_t* e, const ipe_config_t* config);
+
+/// Go on from an estimator of the same robot, sensors and priors, after a gap of unknown length.
+void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from);
+
+/// Predict the states to the middle t_ns of the next window; before each ipe_estimator_update().
+void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
+
+/// Update the states with a window's equations.
+///
+/// IPE_OK         used, or only monitored because the pose at rest is known
+/// IPE_NOT_READY  held back as an outlier
+/// IPE_ERR_*      refused: a cable has no direction, or a value is not finite (counted); the states are as predicted
+ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average);
+
+/// Publish the states as of the window at t_ns into e->estimate.
+///
+/// IPE_OK; IPE_ERR_NONFINITE: a value is not finite or no body is near, counted, e->estimate as it was.
+ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
+
+/// Theta and P about the IMU with all that ipe_estimate_publish() needs.
+void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution);
+
+/// A gap: the next window does not follow the last.
+void ipe_estimator_restart_windows(ipe_estimator_t* e);
+
+#endif

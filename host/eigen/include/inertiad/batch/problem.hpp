@@ -1,0 +1,385 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The unknowns of a batch, and its equations at one point.
+#pragma once
+
+#include "equations.hpp"
+#include "long_run.hpp"
+#include "triangle.hpp"
+#include "wander.hpp"
+
+extern "C" {
+#include "eiv_correction.h"
+}
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+namespace inertiad::detail {
+
+constexpr double SMALLEST_STD = 1e-12;  // any unit, of what is declared perfect; as in firmware/core/filter_states.c
+constexpr double BLOCK_LENGTH = 1.0;    // s, at least: two windows and more
+constexpr int BLOCKS_MAX = 48;          // of a run: chosen, a fiftieth of it locates a change well enough
+constexpr double GYRO_FLOOR = 1e-6;     // rad/s: chosen under the bias stability of any MEMS gyro
+
+/// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
+/// the equations.
+struct Problem {
+    Problem(const Config& config_, const std::vector<BatchRun>& runs_, const BatchSettings& settings_)
+        : config(config_), runs(runs_), settings(settings_), n_groups(static_cast<int>(settings.payload.size()))
+    {
+        const int n_xi = ipe_systematic_count(config.n_cables());
+        std_xi.resize(IPE_XI_MAX);
+        ipe_systematic_std(&config.c(), std_xi.data());
+        std_xi.conservativeResize(n_xi);
+        std_xi = std_xi.cwiseMax(SMALLEST_STD);
+        for (int i = 0; i < n_xi; ++i) {
+            if (settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)]) { free.push_back(i); }
+        }
+        at_geometry = IPE_NP * n_groups + static_cast<int>(free.size());
+        n_geometry = free.empty() || config.c().std_geometry <= 0.0 ? 0 : 3 * config.n_cables();
+        n = at_geometry + n_geometry;
+        geometry = Eigen::VectorXd::Zero(n_geometry);
+        set_prior();
+        scale.tail(n_geometry).setConstant(config.c().std_geometry);
+        xi = Eigen::VectorXd::Zero(n_xi);
+        eiv_correction.resize(runs.size());
+        V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
+    }
+
+    void set_prior()
+    {
+        const Vector3 to_imu = -Eigen::Map<const Vector3>(config.c().imu_position);
+        scale = Eigen::VectorXd::Ones(n);
+        for (int g = 0; g < n_groups; ++g) {
+            Theta mean = Eigen::Map<const Theta>(config.c().prior_theta);
+            Covariance P = Eigen::Map<const Covariance>(&config.c().prior_covariance[0][0]);
+            loosen(settings.payload[static_cast<std::size_t>(g)], mean, P);
+            prior_std_body.push_back(body_std(mean, P));
+            P *= settings.theta_prior * settings.theta_prior;
+            ipe_body_shift(to_imu.data(), mean.data(), as_array(P));
+            prior_mean.push_back(mean);
+            const Eigen::MatrixXd L = P.llt().matrixL();
+            prior_rows.push_back(L.inverse());
+            scale.segment<IPE_NP>(IPE_NP * g) = P.diagonal().cwiseSqrt();
+        }
+        theta = prior_mean;
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            scale[IPE_NP * n_groups + static_cast<Eigen::Index>(i)] = std_xi[free[i]];
+        }
+    }
+
+    /// A payload somewhere within the platform's size comes to the prior body.
+    void loosen(double payload, Theta& mean, Covariance& P) const
+    {
+        double size2 = 0.0;
+        for (int i = 0; i < config.n_cables(); ++i) {
+            size2 += Eigen::Map<const Vector3>(config.c().cable[i].attachment).squaredNorm() / config.n_cables();
+        }
+        mean[0] += payload;
+        for (int i = 0; i < IPE_NP; ++i) {
+            const double std = i == 0 ? 0.1 * payload : i < 4 ? payload * std::sqrt(size2) : payload * size2;
+            P(i, i) += std * std;
+        }
+    }
+
+    static ipe_body_t body_std(const Theta& mean, const Covariance& P)
+    {
+        ipe_body_t b{};
+        (void)ipe_body_from_theta(mean.data(), as_array(P), &b);
+        return b;
+    }
+
+    /// Rows [A, b] of a run as measured, and what wander does to each window's.
+    Equations equations(const RunWindows& run, const BatchRun& of, const Config& corrected) const
+    {
+        Equations found;
+        const Theta& x = theta[static_cast<std::size_t>(of.group)];
+        found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
+        const std::vector<SmoothWindow> smooth = smoothed(of.derived, run.window);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            const ipe_average_t& a = run.window[k];
+            auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            Column6 y = Eigen::Map<const Vector6>(a.y);
+            found.turn.push_back(Eigen::Matrix<double, 6, 3>::Zero());
+            if (free.empty()) {
+                block.middleCols<IPE_NP>(IPE_NP * of.group) = regressor(a);
+                block.col(n) = y - regressor(a) * x;
+                continue;
+            }
+            const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
+            if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
+            block.col(n) = y - regressor(a) * x;
+            const Regressor Y = regressor(smooth[k].average);
+            block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
+            const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
+            const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
+            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
+            for (std::size_t i = 0; i < free.size(); ++i) {
+                block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
+            }
+        }
+        return found;
+    }
+
+    /// V of a run from its residuals, wander taken out of them by what V was so far; how correlated they are goes to of.
+    Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before,
+                              BatchFit& of) const
+    {
+        Wander wander(wander_std(), 1);
+        std::vector<Column6> innovation;
+        Column6 explained = Column6::Zero(), sum_squares = Column6::Constant(1e-300);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            Eigen::MatrixXd e = measured.residual(k);
+            explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
+            innovation.push_back(e);
+            sum_squares += e.cwiseAbs2();
+        }
+        const std::size_t L = bandwidth<6>(run.window, innovation);
+        const Square6 sum = long_run_sum<6>(run.window, innovation, L);
+        const double hop = run.window.empty() ? 0.0 : 0.25 * run.window.front().length;
+        of.correlation_time = hop * std::max(1.0, (sum.diagonal().array() / sum_squares.array()).maxCoeff());
+        of.n_lags = static_cast<double>(L);
+        return run_covariance(config, sum, run.window.size(), explained);
+    }
+
+    /// The run's rows as independent ones of unit variance.
+    Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C) const
+    {
+        Wander wander(wander_std(), n + 1);
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            const Square6 part = wander.take_out(run.window[k].t_ns, measured.turn[k], C, block);
+            const Square6 L = Square6(part + C).llt().matrixL();
+            block = L.triangularView<Eigen::Lower>().solve(block.eval());
+        }
+        return scaled(measured.rows);
+    }
+
+    /// Independent values that the long-run variances are made of: Bartlett weights count for 2/3 of their length.
+    static double n_independent(const std::vector<BatchFit>& of)
+    {
+        double n = 0.0;
+        for (const BatchFit& f : of) {
+            const double L = f.n_windows > 0 ? std::max(1.0, f.n_lags) : 1.0;
+            n += 6.0 * (PRIOR_WINDOWS + static_cast<double>(f.n_windows)) / (2.0 / 3.0 * (L + 1.0));
+        }
+        return n;
+    }
+
+    double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
+
+    Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
+    {
+        Ab.leftCols(n) = Ab.leftCols(n) * scale.asDiagonal();
+        return Ab;
+    }
+
+    /// Priors of theta and xi, and known mass differences.
+    Eigen::MatrixXd prior() const
+    {
+        const int n_known = settings.is_payload_known ? n_groups - 1 : 0;
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(n + n_known, n + 1);
+        for (int g = 0; g < n_groups; ++g) {
+            const auto at = static_cast<std::size_t>(g);
+            Ab.block(IPE_NP * g, IPE_NP * g, IPE_NP, IPE_NP) = prior_rows[at];
+            Ab.col(n).segment(IPE_NP * g, IPE_NP) = prior_rows[at] * (prior_mean[at] - theta[at]);
+        }
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            const Eigen::Index row = IPE_NP * n_groups + static_cast<Eigen::Index>(i);
+            Ab(row, row) = 1.0 / std_xi[free[i]];
+            Ab(row, n) = -xi[free[i]] / std_xi[free[i]];
+        }
+        for (int i = 0; i < n_geometry; ++i) {
+            Ab(at_geometry + i, at_geometry + i) = 1.0 / scale[at_geometry + i];
+            Ab(at_geometry + i, n) = -geometry[i] / scale[at_geometry + i];
+        }
+        for (int g = 1; g <= n_known; ++g) {
+            const auto at = static_cast<std::size_t>(g);
+            Ab(n + g - 1, IPE_NP * g) = 1.0 / settings.payload_std;
+            Ab(n + g - 1, 0) = -1.0 / settings.payload_std;
+            Ab(n + g - 1, n) =
+                (settings.payload[at] - settings.payload[0] - theta[at][0] + theta[0][0]) / settings.payload_std;
+        }
+        return scaled(Ab);
+    }
+
+    /// Mean difference between the gyro and the change of attitude: the gyro's bias, three rows; none where it is not free.
+    Eigen::MatrixXd gyro_rows(const std::vector<ipe_average_t>& window) const
+    {
+        const int first = IPE_XI_FORCE + 2 * config.n_cables();
+        const auto at = std::find(free.begin(), free.end(), first);
+        std::vector<Eigen::Vector3d> d;
+        std::vector<ipe_average_t> kept;
+        for (std::size_t k = 4; k < window.size(); ++k) {
+            if (!follows(window, k, 4)) { continue; }
+            const Eigen::Matrix3d before = Eigen::Map<const Matrix3>(&window[k - 4].R[0][0]);
+            const Eigen::Matrix3d after = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+            const double dt = 1e-9 * static_cast<double>(window[k].t_ns - window[k - 4].t_ns);
+            d.push_back(Eigen::Map<const Vector3>(window[k - 2].w) - rotation_vector(before.transpose() * after) / dt);
+            kept.push_back(window[k]);
+        }
+        if (at == free.end() || d.size() < 2 * IPE_NOISE_LAGS) { return Eigen::MatrixXd(0, n + 1); }
+        Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+        for (const Eigen::Vector3d& v : d) { mean += v / static_cast<double>(d.size()); }
+        for (Eigen::Vector3d& v : d) { v -= mean; }
+        const double count = static_cast<double>(d.size());
+        const double variance = long_run_sum<3>(kept, d, IPE_NOISE_LAGS).trace() / 3.0 / (count * count);
+        const double std = std::sqrt(std::max(variance, 0.0) + GYRO_FLOOR * GYRO_FLOOR);
+        const double* q = config.c().imu_orientation;
+        const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(3, n + 1);
+        Ab.middleCols(IPE_NP * n_groups + (at - free.begin()), 3) = R_PI / std;
+        Ab.col(n) = mean / std;
+        return scaled(Ab);
+    }
+
+    /// The equations of all runs at the present point.
+    struct Pass {
+        explicit Pass(Eigen::Index n) : weighted(n), renewed(n) {}
+        Triangle weighted;               ///< under the weights as they are
+        Triangle renewed;                ///< under V, learnt from the residuals at this point
+        std::vector<Square6> V;
+        std::vector<BatchFit> fit;
+        std::vector<ipe_eiv_correction_t> eiv_correction;
+        double weight_change = 0.0;      ///< largest relative change of a standard deviation, weights to V
+    };
+
+    /// Throws std::invalid_argument where the calibration leaves its ranges, std::domain_error where a cable vanishes.
+    Pass pass() const
+    {
+        Pass p(n);
+        const Config corrected = calibrated(config, xi);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            RunWindows run = windows_under(config, corrected, runs[r], xi);
+            const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            gate_rest(config, run);
+            const Equations measured = equations(run, runs[r], corrected);
+            BatchFit of = fit_of(run, r, measured);
+            const double loss = n_observed / std::max(n_independent(fit), 1.0);
+            p.V.push_back((1.0 + loss) * learnt_covariance(run, measured, V[r], of));
+            const Column6 ratio = p.V[r].diagonal().cwiseQuotient(V[r].diagonal()).cwiseSqrt();
+            p.weight_change = std::max(p.weight_change, (ratio.array() - 1.0).abs().maxCoeff());
+            if (!run.window.empty()) {
+                p.weighted.add(whitened(run, measured, V[r]));
+                p.renewed.add(whitened(run, measured, p.V[r]));
+            }
+            if (gyro.rows() > 0) { p.weighted.add(gyro), p.renewed.add(gyro); }
+            p.eiv_correction.push_back(eiv_correction_of(run, runs[r].derived));
+            p.fit.push_back(of);
+        }
+        p.weighted.add(prior());
+        p.renewed.add(prior());
+        return p;
+    }
+
+    static ipe_eiv_correction_t eiv_correction_of(const RunWindows& run, const Derived& derived)
+    {
+        ipe_eiv_correction_t sum = {};
+        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&sum, &a, 1.0); }
+        if (derived.force) { std::fill_n(sum.sum, 3, 0.0F); }  // smoothed in Y instead
+        if (derived.rate) { std::fill_n(sum.sum + 3, 3, 0.0F); }
+        return sum;
+    }
+
+    BatchFit fit_of(const RunWindows& run, std::size_t r, const Equations& measured) const
+    {
+        Vector6 sum = Vector6::Zero();
+        const std::size_t n_windows = run.window.size();
+        for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
+        const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
+        BatchFit of{};
+        of.n_rows = runs[r].rows->size(), of.n_windows = n_windows, of.n_rest = n_rest;
+        of.rms = (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt();
+        of.noise_std = V[r].diagonal().cwiseSqrt();
+        return of;
+    }
+
+    /// The point of the pass is the present one: take its weights, if wanted, and its covariance.
+    void take(const Pass& p, bool is_weight_renewed)
+    {
+        if (is_weight_renewed) { V = p.V; }
+        fit = p.fit;
+        for (std::size_t r = 0; r < fit.size(); ++r) { fit[r].noise_std = V[r].diagonal().cwiseSqrt(); }
+        eiv_correction = p.eiv_correction;
+        const Triangle& triangle = is_weight_renewed ? p.renewed : p.weighted;
+        const Eigen::MatrixXd unit = triangle.covariance();
+        P = scale.asDiagonal() * unit * scale.asDiagonal();
+        n_observed = static_cast<double>(n) - unit.trace();
+    }
+
+    /// Where the unknowns are.
+    struct Point {
+        std::vector<Theta> theta;
+        Eigen::VectorXd xi, geometry;
+    };
+    Point point() const { return {theta, xi, geometry}; }
+    void go_to(const Point& p) { theta = p.theta, xi = p.xi, geometry = p.geometry; }
+
+    /// What each stretch of the runs contributes at the present point, under the present weights.
+    void blocks(std::vector<BatchBlock>& block, Eigen::MatrixXd& H_prior) const
+    {
+        const Config corrected = calibrated(config, xi);
+        const Eigen::MatrixXd Ab = prior();
+        H_prior = Ab.leftCols(n).transpose() * Ab.leftCols(n);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            RunWindows run = windows_under(config, corrected, runs[r], xi);
+            const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            H_prior += gyro.leftCols(n).transpose() * gyro.leftCols(n);
+            gate_rest(config, run);
+            if (!run.window.empty()) { cut(run, r, whitened(run, equations(run, runs[r], corrected), V[r]), block); }
+        }
+    }
+
+    /// A run's whitened rows as blocks of equal length.
+    void cut(const RunWindows& run, std::size_t r, const Eigen::MatrixXd& rows, std::vector<BatchBlock>& block) const
+    {
+        const int64_t first = run.window.front().t_ns, start = runs[r].rows->front().t_ns;
+        const double duration = 1e-9 * static_cast<double>(run.window.back().t_ns - first);
+        const double length = std::max(BLOCK_LENGTH, duration / (BLOCKS_MAX - 1));
+        int64_t now = -1;
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            const double t = 1e-9 * static_cast<double>(run.window[k].t_ns - start);
+            const auto at = static_cast<int64_t>(1e-9 * static_cast<double>(run.window[k].t_ns - first) / length);
+            if (at != now) {
+                block.push_back({static_cast<int>(r), t, t, 0, Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)});
+                now = at;
+            }
+            BatchBlock& b = block.back();
+            const auto A = rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            b.H.noalias() += A.leftCols(n).transpose() * A.leftCols(n);
+            b.g.noalias() += A.leftCols(n).transpose() * A.col(n);
+            b.end = t, ++b.n_windows;
+        }
+    }
+
+    void move(const Eigen::VectorXd& dz)
+    {
+        for (int g = 0; g < n_groups; ++g) { theta[static_cast<std::size_t>(g)] += dz.segment<IPE_NP>(IPE_NP * g); }
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            xi[free[i]] += dz[IPE_NP * n_groups + static_cast<Eigen::Index>(i)];
+        }
+        geometry += dz.tail(n_geometry);
+    }
+
+    const Config& config;
+    const std::vector<BatchRun>& runs;
+    const BatchSettings& settings;
+    int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
+    std::vector<int> free;
+    Eigen::VectorXd std_xi, scale, xi, geometry;
+    std::vector<Theta> prior_mean, theta;
+    std::vector<Eigen::MatrixXd> prior_rows;
+    std::vector<ipe_body_t> prior_std_body;
+    std::vector<Square6> V;
+    std::vector<ipe_eiv_correction_t> eiv_correction;  ///< of the runs' regressors
+    double n_observed = 0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
+    std::vector<BatchFit> fit;
+    Eigen::MatrixXd P;
+};
+
+}  // namespace inertiad::detail

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+/// The published body of each group: the rules of firmware/core/estimate.h.
+#pragma once
+
+#include "../estimate.hpp"
+#include "problem.hpp"
+
+namespace inertiad::detail {
+
+/// Information about a group's theta that noise in its runs' regressors pretends (eiv_correction.h).
+inline Covariance spurious_information(const Problem& problem, int group)
+{
+    Covariance C = Covariance::Zero();
+    for (std::size_t r = 0; r < problem.runs.size(); ++r) {
+        if (problem.runs[r].group != group) { continue; }
+        Matrix6 L = problem.V[r].llt().matrixL();
+        ipe_eiv_correction_information(&problem.eiv_correction[r], as_array(L), 1.0, as_array(C));
+    }
+    return C;
+}
+
+/// One group's published body. The plain fit of theta alone is published without the errors-in-variables correction.
+inline BatchBody publish_body(const Problem& problem, int group)
+{
+    const auto g = static_cast<std::size_t>(group);
+    const Covariance F = problem.prior_rows[g].inverse(), prior = F * F.transpose();
+    ipe_solution_t s =
+        solution(problem.config, problem.theta[g], problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group));
+    Eigen::Map<Theta>(s.prior_theta) = problem.prior_mean[g];
+    Eigen::Map<Covariance>(&s.prior_covariance[0][0]) = prior;
+    if (!problem.free.empty()) { Eigen::Map<Covariance>(&s.spurious[0][0]) = spurious_information(problem, group); }
+    if (problem.n_geometry > 0) { s.std_geometry = 0.0; }
+    BatchBody b{};
+    const ipe_estimate_t e = publish(problem.config, s, &problem.prior_std_body[g], b.theta.data());
+    b.theta_possible = Eigen::Map<const Theta>(e.theta);
+    b.P = Eigen::Map<const Covariance>(&e.covariance[0][0]);
+    b.body = e.body;
+    b.prior = problem.prior_std_body[g];
+    b.is_consistent = e.consistent;
+    b.distance = e.distance;
+    std::copy_n(e.observable, IPE_NP, b.observable);
+    return b;
+}
+
+}  // namespace inertiad::detail

@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a fit's result is worth: one rule per cause, for fit, calibrate and report alike.
+
+Every rule looks at the batch solver's result and says, in words of the robot, what is wrong, with the numbers behind it
+and what to do. stop: the numbers are not to be used; care: they are, with the sigma that stands beside them.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+
+import inertiad_core
+from inertiad.base.body import NAMES
+from inertiad.base.finding import Finding, Severity
+from inertiad.base.table import Array
+from inertiad.identify import block_statistics, systematic_names
+from inertiad.identify.block_statistics import BLOCKS_MIN, Copies, Indices
+from inertiad.robot.configuration import platform_size
+from inertiad.robot.description import Robot
+from inertiad.run.reader import Recording
+
+FAR: Final = 4.0
+"""prior sigmas beyond which a sensor's error is more than its data sheet allows"""
+NAMED_MOST: Final = 3
+"""corrections named one by one"""
+WIDER: Final = 1.5
+"""factor on a sigma that is worth a word"""
+CORRELATED_LONG: Final = 8.0
+"""correlation time of residuals over the window's length: healthy windows, which overlap, have about one"""
+MISFIT: Final = 0.03
+"""residual force over the weight: a hundred times a good set of sensors"""
+ABSURD: Final = 0.25
+"""residual force over the weight: nothing is explained"""
+TENSION_SHARE: Final = (0.05, 0.5)
+"""residual of the force sensors over their mean tension: care, stop"""
+IMPOSSIBLE: Final = (2.0, 9.0)
+"""squared distance in sigmas to a body that can exist: care, stop"""
+MOST: Final = 0.8
+"""share of a variance that one kind of sensor error must have to be called confounded"""
+CONFOUNDED_WIDE: Final = (0.02, 0.02, 0.1)
+"""sigma of mass [of the mass], CoG [of the platform's size], inertia [of the largest moment] that confounding is named at"""
+
+SEPARATES: Final = {
+    "force_offset": "tare the force sensors with no tension in any cable (inertiactl calibrate --tare FILE.csv), or add "
+    "poses high and low, where the cables' elevation differs",
+    "force_gain": "add a run with a known weight on the platform: inertiactl calibrate ROBOT RUN RUN2 --payload RUN2=KG",
+    "attitude_bias": "turn the platform by 180 deg about its vertical axis, or tilt it both ways about each axis",
+    "imu_alignment": "tilt the platform both ways about each axis; measure how the IMU sits on it",
+    "acc_bias": "add poses tilted both ways about each axis, or calibrate the accelerometer in six positions",
+    "geometry": "measure anchors and attachments better, and state it in [std] geometry",
+    "world_yaw": "add motion along both horizontal axes, or align the tracker's frame with the IMU's",
+    "position_delay": "add faster motion; synchronise the tracker with the bus",
+    "force_delay": "add faster motion; give the force frames their device time",
+    "gyro_bias": "let the platform rest for some seconds in every run",
+}
+
+
+def _weight(robot: Robot, result: dict[str, Any]) -> float:
+    """N: of the heaviest body found."""
+    return float(max(body["mass"] for body in result["body"])) * max(robot.gravity, 1.0)
+
+
+def _size_of_residual(result: dict[str, Any]) -> tuple[float, float]:
+    """N and N m: root mean square over all windows."""
+    n = np.array([f["n_windows"] for f in result["fit"]], dtype=float)
+    square = np.array([np.square(f["rms"]) for f in result["fit"]])
+    mean = n @ square / max(n.sum(), 1.0)
+    return float(np.sqrt(mean[:3].sum())), float(np.sqrt(mean[3:].sum()))
+
+
+def _far(result: dict[str, Any], robot: Robot) -> list[tuple[str, float, float]]:
+    """Name, value in its unit and size in prior sigmas of every sensor error, the furthest first."""
+    labels, n_theta = systematic_names.names(robot.n_cables), 10 * len(result["body"])
+    found = []
+    for k, i in enumerate(result["free"]):
+        prior = float(result["prior_std"][n_theta + k])
+        if prior > 1e-11:
+            found.append((labels[i], float(result["xi"][i]), abs(float(result["xi"][i])) / prior))
+    return sorted(found, key=lambda entry: -entry[2])
+
+
+def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
+    if result["converged"]:
+        return
+    far = _far(result, robot)
+    evidence = {"steps": result["n_steps"], "next_step_sigmas": float(result["last_step"])}
+    if far:
+        evidence |= {"parameter": far[0][0], "value": far[0][1], "prior_sigmas": far[0][2]}
+    if result["refused"] and far:
+        says = (
+            f"the fit does not converge: it drives {far[0][0].replace('_', ' ')} to {far[0][1]:.3g}, {far[0][2]:.0f} times "
+            "the standard deviation stated for it, where the equations no longer hold"
+        )
+        name = "parameter_at_bound"
+    else:
+        says = (
+            f"the fit does not converge: after {result['n_steps']} steps the next one is still "
+            f"{result['last_step']:.2g} sigma long"
+        )
+        name = "not_converged"
+    do = "use none of these numbers; record a motion that tilts and turns the platform, with an IMU, or correct robot.toml"
+    yield Finding(name, "stop", says, do, evidence)
+
+
+def _misfit(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
+    force, moment = _size_of_residual(result)
+    weight = _weight(robot, result)
+    correlation = max(f["correlation_time"] for f in result["fit"])
+    spread = result.get("spread")
+    wider = float(max(np.max(ratio[:4]) for ratio in spread.body)) if spread is not None else 1.0
+    evidence = {
+        "residual_force": force,
+        "residual_moment": moment,
+        "share_of_weight": force / max(weight, 1e-9),
+        "correlation_time": correlation,
+        "sigma_factor": min(wider, 1e3),
+    }
+    length = robot.estimator.window_length
+    do = "look at geometry, friction of the pulleys and the force sensors; report RUN shows the residual over time"
+    if force > ABSURD * weight:
+        says = f"the residual is {force:.3g} N of {weight:.3g} N weight: the data do not follow from this robot.toml"
+        yield Finding("misfit", "stop", says, do, evidence)
+        return
+    causes = []
+    if force > MISFIT * weight:
+        causes.append(f"it is {100 * force / weight:.2g} % of the weight")
+    if correlation > CORRELATED_LONG * length:
+        causes.append(f"it stays correlated over {correlation:.2g} s")
+    enough = spread is None or spread.n_blocks >= BLOCKS_MIN
+    if enough and wider > WIDER:
+        causes.append(f"its stretches scatter {wider:.2g} times more than their sigma")
+    if causes:
+        says = f"unexplained misfit of {force:.3g} N and {moment:.3g} N m: {', '.join(causes)}; sigma is widened for it"
+        yield Finding("misfit", "care", says, do, evidence)
+
+
+def _few_blocks(result: dict[str, Any]) -> Iterator[Finding]:
+    spread = result.get("spread")
+    if spread is None or spread.n_blocks >= BLOCKS_MIN:
+        return
+    correlation = max(f["correlation_time"] for f in result["fit"])
+    says = (
+        f"only {spread.n_blocks} independent stretches of data: residuals stay correlated over {correlation:.2g} s; sigma is "
+        "taken wider, at most the prior's"
+    )
+    do = f"record for {np.ceil(BLOCKS_MIN * max(correlation, 1.0)):.0f} s or more"
+    yield Finding("short_record", "care", says, do, {"blocks": spread.n_blocks, "correlation_time": correlation})
+
+
+def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
+    units = systematic_names.units(robot.n_cables)
+    labels = systematic_names.names(robot.n_cables)
+    for name, value, far in _far(result, robot)[:NAMED_MOST]:
+        if far > FAR:
+            factor, unit = units[labels.index(name)]
+            says = f"{name} = {factor * value:.3g} {unit}: {far:.0f} times the standard deviation stated for it"
+            do = "look at this sensor, or correct its [std] in robot.toml; inertiactl calibrate keeps what was found"
+            evidence = {"parameter": name, "value": value, "prior_sigmas": far}
+            yield Finding("correction_beyond_prior", "care", says, do, evidence)
+
+
+def _tension_residuals(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Array:
+    """N [m]: root mean square of the smallest change of tensions that would explain the windows' residuals."""
+    xi = np.array(result["xi"])
+    corrected = inertiad_core.calibrated(config, xi)
+    back = -np.array(recordings[0].robot.imu.position)
+    squares, n = np.zeros(recordings[0].robot.n_cables), 0
+    for run, g in zip(recordings, group, strict=True):
+        windows = inertiad_core.Windows(corrected, inertiad_core.corrected_rows(config, run.rows, xi))
+        if len(windows.y) == 0:
+            continue
+        e = windows.y - windows.Y @ inertiad_core.shift(np.array(result["body"][g]["theta_possible"]), back)
+        first = 11  # force offsets: their columns are minus W
+        W = -windows.X(np.zeros(10))[:, :, first : first + len(squares)]
+        squares += np.square(np.einsum("kij,kj->ki", np.linalg.pinv(W), e)).sum(axis=0)
+        n += len(e)
+    return np.asarray(np.sqrt(squares / max(n, 1)))
+
+
+def _forces(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:
+    try:
+        residual = _tension_residuals(config, result, recordings, group)
+    except ValueError:
+        return
+    tension = float(np.mean([np.abs(run.rows.f).mean() for run in recordings]))
+    worst = int(residual.argmax())
+    share = float(np.sqrt(np.mean(residual**2))) / max(tension, 1e-9)
+    if share < TENSION_SHARE[0]:
+        return
+    severity: Severity = "stop" if share > TENSION_SHARE[1] else "care"
+    says = (
+        f"the force sensors agree only to {share * tension:.3g} N, {100 * share:.2g} % of the mean tension {tension:.3g} N; "
+        f"cable {worst + 1} is worst with {residual[worst]:.3g} N"
+    )
+    do = f"check zero and gain of force sensor {worst + 1}, friction of its pulley, and the cables' wiring"
+    evidence = {"residual": residual.tolist(), "mean_tension": tension, "share": share}
+    yield Finding("forces_disagree", severity, says, do, evidence)
+
+
+def _possible(result: dict[str, Any]) -> Iterator[Finding]:
+    for body in result["body"]:
+        if not body["consistent"] and body["distance"] > IMPOSSIBLE[0]:
+            severity: Severity = "stop" if body["distance"] > IMPOSSIBLE[1] else "care"
+            yield Finding(
+                "impossible_body",
+                severity,
+                "the estimate is not physically consistent; the nearest consistent body is shown, "
+                f"{np.sqrt(body['distance']):.1f} sigma away",
+                "more excitation, or look for a mistake in geometry and sensor axes",
+                {"distance": body["distance"]},
+            )
+
+
+def _observability(result: dict[str, Any]) -> Iterator[Finding]:
+    unseen = sorted({i for body in result["body"] for i in range(10) if not body["observable"][i]})
+    if unseen:
+        names = ", ".join(NAMES[i] for i in unseen)
+        yield Finding(
+            "poorly_observable",
+            "care",
+            f"poorly observable in this motion: {names}; the sigma is more than half of the prior's",
+            "turn the platform faster about all axes: inertiactl excite ROBOT -o excite.csv plans such a motion",
+            {"parameters": [NAMES[i] for i in unseen]},
+        )
+
+
+def kinds_of_unknowns(robot: Robot, result: dict[str, Any], group: int = 0) -> dict[str, Indices]:
+    """Where the body and each kind of sensor error are among the unknowns."""
+    free, n_theta = list(result["free"]), 10 * len(result["body"])
+    found = {"body": np.arange(10 * group, 10 * group + 10)}
+    for kind in systematic_names.groups(robot.n_cables):
+        at = [n_theta + free.index(i) for i in range(kind.first, kind.first + kind.n) if i in free]
+        found[kind.name] = np.array(at, dtype=np.intp)
+    found["geometry"] = np.arange(n_theta + len(free), len(result["prior_std"]))
+    return found
+
+
+def shares(robot: Robot, result: dict[str, Any], group: int = 0) -> dict[str, Array]:
+    """By kind of sensor error: part [10] of the variance of mass, CoG, inertia that would go if it were known."""
+    P = np.array(result["covariance"])
+    E = block_statistics.by_body(robot, np.array(result["body"][group]["theta_possible"]))
+    part = slice(10 * group, 10 * group + 10)
+    variance = np.diag(E @ P[part, part] @ E.T)
+    found = {}
+    for name, at in kinds_of_unknowns(robot, result, group).items():
+        if name == "body":
+            continue
+        cross = E @ P[part, at]
+        known = np.einsum("ij,jk,ik->i", cross, np.linalg.pinv(P[np.ix_(at, at)]), cross) if len(at) else np.zeros(10)
+        found[name] = np.asarray(known / variance)
+    return found
+
+
+def _confounded(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
+    if not len(result["free"]):
+        return
+    body = result["body"][0]
+    std = block_statistics.standard_deviations(robot, body)
+    unit = np.array([body["mass"], platform_size(robot), max(*body["inertia_cog"][:3], 1e-9)])
+    share = shares(robot, result)
+    for k, part in enumerate((slice(0, 1), slice(1, 4), slice(4, 10))):
+        i = part.start + int(np.argmax(np.where(np.array(body["observable"])[part], std[part], 0.0)))
+        if std[i] < CONFOUNDED_WIDE[k] * abs(unit[k]) or not body["observable"][i]:
+            continue
+        kind = max(share, key=lambda name: share[name][i])
+        if share[kind][i] > MOST:
+            yield Finding(
+                "confounded",
+                "care",
+                f"{NAMES[i]} and {kind.replace('_', ' ')} cannot be separated by this motion: "
+                f"{100 * share[kind][i]:.0f} % of the variance of {NAMES[i]} comes from it",
+                SEPARATES.get(kind, "record a motion that separates them: inertiactl excite ROBOT -o excite.csv"),
+                {"parameter": NAMES[i], "with": kind, "correlation": float(np.sqrt(min(share[kind][i], 1.0)))},
+            )
+
+
+def widening_of(result: dict[str, Any]) -> float:
+    """The spread between blocks over what the weights say, one number for all unknowns."""
+    spread = result.get("spread")
+    if spread is None:
+        return 1.0
+    return float(min(np.sqrt(np.mean([np.mean(np.square(ratio)) for ratio in spread.body])), 1e3))
+
+
+def _runs(robot: Robot, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:
+    """Runs whose body or sensors are others than those of all the rest."""
+    if len(recordings) < 2:
+        return
+    of, widening = block_statistics.blocks(result), widening_of(result)
+    for r, run in enumerate(recordings):
+        if not any(g == group[r] for q, g in enumerate(group) if q != r):
+            continue
+        found = block_statistics.other_in_run(of, r, kinds_of_unknowns(robot, result, group[r]), widening)
+        sure = {k: c for k, c in found.items() if block_statistics.is_significant(c, len(recordings) * len(found))}
+        if sure:
+            yield _other_run(run.path.name, sure, result, robot, group[r])
+            if len(recordings) == 2:
+                return  # the other one differs as much
+
+
+def _other_run(name: str, sure: dict[str, Copies], result: dict[str, Any], robot: Robot, group: int) -> Finding:
+    order = sorted(sure, key=lambda kind: sure[kind].size - sure[kind].fall)
+    kind = order[0]
+    second = f"; or another {order[1].replace('_', ' ')}" if len(order) > 1 else ""
+    evidence: dict[str, Any] = {"run": name, "kind": kind, "chi_squared": sure[kind].fall, "unknowns": sure[kind].size}
+    if len(order) > 1:
+        evidence |= {"runner_up": order[1], "runner_up_chi_squared": sure[order[1]].fall}
+    if kind == "body":
+        mass = float(sure[kind].step[0] * result["prior_std"][10 * group])
+        evidence["mass_difference"] = mass
+        says = f"{name} saw a different body than the other runs: mass differs by {mass:+.3g} kg{second}"
+        do = "fit runs of one body together, others apart; with a known added weight use inertiactl calibrate --payload"
+        return Finding("runs_disagree", "stop", says, do, evidence)
+    says = f"{name} disagrees with the other runs; another {kind.replace('_', ' ')} in it explains most{second}"
+    do = "fit the runs apart and compare; look whether that sensor was restarted, moved or warmed up between them"
+    return Finding("runs_disagree", "care", says, do, evidence)
+
+
+def of_result(
+    robot: Robot, config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int] | None = None
+) -> list[Finding]:
+    """All findings about a batch result, the worst first. group: of each run's body; default: one body."""
+    bodies = [0] * len(recordings) if group is None else group
+    found = [*_convergence(robot, result)]
+    if not found:
+        found += [*_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
+        found += [*_runs(robot, result, recordings, bodies)]
+    found += [*_possible(result), *_corrections(robot, result)]
+    found += [*_observability(result), *_confounded(robot, result)]
+    return found
