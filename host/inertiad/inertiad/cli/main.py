@@ -295,28 +295,32 @@ def fit(
     validate: Annotated[
         list[Path] | None, typer.Option("--validate", metavar="RUN", help="Predict this run, which is not used.")
     ] = None,
-) -> None:
+) -> int:
     """Identify the body offline, from any number of runs together.
+
+    Exit status 0: good or usable with care, 1: not to be used (the file says why), 2: bad usage or input.
 
     joint: body and sensor errors together, the optimum. wls: plain weighted least squares. iv: instrumental variables.
     paper: the two-step method of the source paper.
     """
-    from inertiad.identify import diagnose
+    from inertiad.base import finding
     from inertiad.identify import fit as fitter
+    from inertiad.identify import identification
 
     with _progress() as progress:
         progress("read")
         described, recordings = fitter.read(runs, robot, method)
-        progress("look for mistakes")
-        for finding in diagnose.diagnose(described, recordings):  # first: with some of them there is no fit
-            _say(f"diagnosis: {finding}")
-        progress("fit")
-        estimate, held_out = fitter.main(method, described, recordings, validate or [], robot)
-    typer.echo(fitter.text(estimate, fitter.truth_of(runs)))
-    for line in fitter.remarks(estimate, recordings, held_out):
+        done = identification.identify(method, described, recordings, validate or [], robot, progress)
+    if done.estimate is not None:
+        typer.echo(fitter.text(done.estimate, fitter.truth_of(runs)))
+        for line in fitter.remarks(done.estimate, recordings, done.validations):
+            _say(line)
+    for line in finding.lines(done.findings):
         _say(line)
     if json is not None:
-        fitter.write(json, fitter.document(described, estimate, recordings, held_out))
+        data = fitter.document(described, done.estimate, recordings, done.validations, done.findings, done.segments)
+        fitter.write(json, data)
+    return 1 if finding.verdict(done.findings) == "stop" else 0
 
 
 @app.command(epilog="Example: inertiactl report run1 run2 -o report.html --figures figures")
@@ -378,20 +382,19 @@ def calibrate(
     tare: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
     ] = None,
-) -> None:
+) -> int:
     """Find the sensors' systematic errors, say what the runs cannot tell, and write what compile takes in.
 
-    In robot.toml: [calibration] file = "calibration.toml".
+    In robot.toml: [calibration] file = "calibration.toml". Exit status 0: written, 1: not to be used, so
+    not written, 2: bad usage or input.
     """
+    from inertiad.base import finding
     from inertiad.identify import calibrate as calibrator
-    from inertiad.identify import diagnose
     from inertiad.identify import fit as fitter
 
     with _progress() as progress:
         progress("read and solve")
         result, recordings = calibrator.main(robot, runs, payload or [], tare)
-        progress("look for mistakes")
-        found = diagnose.diagnose(result.robot, recordings)
     typer.echo(calibrator.text(result))
     for mass, estimate in zip(result.payloads, result.estimates, strict=True):
         _say(f"payload {mass:g} kg: mass {estimate.body.value[0]:.3f} ± {estimate.body.std[0]:.3f} kg")
@@ -401,10 +404,14 @@ def calibrate(
         _say(line)
     for direction in result.directions:
         _say(f"not told: {direction}")
-    for finding in found:
-        _say(f"diagnosis: {finding}")
+    for line in finding.lines(result.findings):
+        _say(line)
+    if finding.verdict(result.findings) == "stop":
+        _say(f"{output}: not written")
+        return 1
     calibrator.write(output, result)
     _say(f"{output}: written")
+    return 0
 
 
 @app.command(epilog="Example: inertiactl sync run")

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sigma under misfit, and stretches of data that disagree, from the information that each stretch of a run contributes.
 
-The batch solver leaves, per block b of about a second, H_b = A^T A and g_b = A^T b of its whitened rows at the solution,
-and H_0 of all priors. Everything here follows from these by one Newton step, so no run is read again:
+The batch solver leaves, per block b of about a second, H_b = A^T A and g_b = A^T b of its whitened rows at the
+solution, and H_0 of all priors. Everything here follows from these by one Newton step, so no run is read again:
 
     leave block b out     (H - H_b) d_b = -g_b
     jackknife             S = (B - 1)/B sum_b (d_b - mean d)(d_b - mean d)^T + H^-1 H_0 H^-1
     run against others    d = x_r - x_o,   cov d = K_r + K_o - K_o H_0 K_r - K_r H_0 K_o,   K = (H + H_0)^-1
     another value after a block, or in each run: the fall of the cost with a second copy of these unknowns
 
-Blocks are joined until they last two correlation times of the residuals (their long-run variance over their variance, in
-windows' steps, is twice the correlation time of a first-order process). Source of the jackknife: Efron, Stein, Annals of
-Statistics 9(3), 1981; of its use on correlated data: Kuensch, Annals of Statistics 17(3), 1989.
+Blocks are joined until they last two correlation times of the residuals (their long-run variance over their variance,
+in windows' steps, is twice the correlation time of a first-order process). Source of the jackknife: Efron, Stein,
+Annals of Statistics 9(3), 1981; of its use on correlated data: Kuensch, Annals of Statistics 17(3), 1989.
 """
 
 from dataclasses import dataclass
@@ -80,7 +80,7 @@ def blocks(result: dict[str, Any], length: float | None = None) -> Blocks:
         for block, after in zip(own, [*own[1:], None], strict=True):
             waiting.append(block)
             until = block["end"] if after is None else after["begin"]
-            if until - waiting[0]["begin"] >= least or after is None and not found[first:]:
+            if until - waiting[0]["begin"] >= least or (after is None and not found[first:]):
                 found.append(_join(waiting))
                 waiting = []
         if waiting and len(found) > first:
@@ -102,13 +102,13 @@ def jackknife(of: Blocks) -> Array:
     K = np.linalg.inv(total)
     known = K @ of.prior @ K
     if n < 2:
-        return K
+        return np.asarray(K)
     change = np.array([np.linalg.solve(total - H, -g) for H, g in zip(of.H, of.g, strict=True)])
-    change -= change.mean(axis=0)
+    change = change - change.mean(axis=0)
     return np.asarray((n - 1) / n * change.T @ change + known)
 
 
-def _by_body(robot: Robot, theta: Array) -> Array:
+def by_body(robot: Robot, theta: Array) -> Array:
     """d(mass, CoG, inertia) / d(theta about the IMU) [10, 10]; theta about P."""
     back = -np.array(robot.imu.position)
     shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
@@ -129,7 +129,7 @@ class Spread:
 
 
 def spread(robot: Robot, result: dict[str, Any]) -> Spread:
-    """The jackknife's sigma over that of the weights, never below one; with few blocks as wide as Student's t asks for."""
+    """The jackknife's sigma over that of the weights, never below one; few blocks: as wide as Student's t."""
     of, scale, n_groups = blocks(result), np.array(result["prior_std"]), len(result["body"])
     if len(of) == 0:
         return Spread([np.ones(10)] * n_groups, np.ones(len(scale)), 0, 0.0)
@@ -137,18 +137,19 @@ def spread(robot: Robot, result: dict[str, Any]) -> Spread:
     few = 1.0
     if len(of) < BLOCKS_MIN:
         few = float(student.ppf(LEVEL, len(of) - 1)) / SURE if len(of) > 1 else np.inf
-    by_body = []
+    body = []
     for g in range(n_groups):
         part = slice(10 * g, 10 * g + 10)
-        E = _by_body(robot, np.array(result["body"][g]["theta_possible"])) * scale[part]
+        E = by_body(robot, np.array(result["body"][g]["theta_possible"])) * scale[part]
         ratio = np.sqrt(np.diag(E @ S[part, part] @ E.T) / np.diag(E @ K[part, part] @ E.T))
-        by_body.append(few * np.maximum(ratio, 1.0))
+        body.append(few * np.maximum(ratio, 1.0))
     unknown = few * np.maximum(np.sqrt(np.diag(S) / np.diag(K)), 1.0)
-    return Spread(by_body, unknown, len(of), float(np.median(of.end - of.begin)))
+    return Spread(body, unknown, len(of), float(np.median(of.end - of.begin)))
 
 
-def _ten(body: dict[str, Any], suffix: str = "_std") -> Array:
-    return np.array([body["mass" + suffix], *body["cog" + suffix], *body["inertia_cog" + suffix]])
+def standard_deviations(body: dict[str, Any]) -> Array:
+    """Of mass, CoG, inertia [10] in a dict with mass_std, cog_std, inertia_cog_std."""
+    return np.array([body["mass_std"], *body["cog_std"], *body["inertia_cog_std"]])
 
 
 def widened(robot: Robot, result: dict[str, Any]) -> dict[str, Any]:
@@ -161,20 +162,24 @@ def widened(robot: Robot, result: dict[str, Any]) -> dict[str, Any]:
     bodies = []
     n_groups = len(result["body"])
     for g, (body, ratio) in enumerate(zip(result["body"], found.body, strict=True)):
-        before = _ten(body["prior"])
-        ratio = np.minimum(ratio, np.maximum(before / _ten(body), 1.0))
+        before = standard_deviations(body["prior"])
+        ratio = np.minimum(ratio, np.maximum(before / standard_deviations(body), 1.0))
         E = np.asarray(inertiad_core.body_jacobian(np.array(body["theta_possible"])))
         turn = np.linalg.solve(E, ratio[:, None] * E)
-        seen = [bool(s) and 2.0 * k * now <= then for s, k, now, then in
-                zip(body["observable"], ratio, _ten(body), before, strict=True)]
+        seen = [
+            bool(s and 2.0 * k * now <= then)
+            for s, k, now, then in zip(body["observable"], ratio, standard_deviations(body), before, strict=True)
+        ]
         bodies.append({**body, "covariance": turn @ np.array(body["covariance"]) @ turn.T, "observable": seen})
         part = slice(10 * g, 10 * g + 10)
         factor[part] = 1.0
     T = np.diag(factor)
     for g, body in enumerate(result["body"]):
         part = slice(10 * g, 10 * g + 10)
-        E = _by_body(robot, np.array(body["theta_possible"]))
-        ratio = np.minimum(found.body[g], np.maximum(_ten(body["prior"]) / _ten(body), 1.0))
+        E = by_body(robot, np.array(body["theta_possible"]))
+        ratio = np.minimum(
+            found.body[g], np.maximum(standard_deviations(body["prior"]) / standard_deviations(body), 1.0)
+        )
         T[part, part] = np.linalg.solve(E, ratio[:, None] * E)
     free = result["free"]
     xi_std = np.array(result["xi_std"])

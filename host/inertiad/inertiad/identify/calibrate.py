@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from inertiad.base import table
 from inertiad.base.error import InputError
+from inertiad.base.finding import Finding, ordered
 from inertiad.base.quantity import forces
 from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
-from inertiad.identify import fit
-from inertiad.identify.fit import Group
+from inertiad.identify import diagnose, findings, fit
+from inertiad.identify.fit import Group, names
 from inertiad.robot import description
 from inertiad.robot.description import Robot
 from inertiad.run import reader
@@ -32,7 +33,6 @@ NOT_TOLD: Final = 0.9
 """posterior sigma, of the prior's, above which the data have said nothing"""
 HARDLY: Final = 0.5
 CORRELATED: Final = 0.9
-AXES: Final = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -54,23 +54,13 @@ class Calibration:
     payloads: list[float]
     directions: list[str]
     """combinations of parameters that the data cannot tell, in words"""
-    n_steps: int
+    findings: list[Finding]
+    """the worst first"""
 
     @property
     def ratio(self) -> Array:
         """Sigma left over the prior's [n]."""
         return np.minimum(np.sqrt(np.diag(self.covariance)) / self.prior_std, 1.0)
-
-
-def names(n_cables: int) -> list[str]:
-    """A name for every systematic parameter."""
-    result = []
-    for group in fit.groups(n_cables):
-        suffix = (
-            [""] if group.n == 1 else [f"_{a}" for a in AXES] if group.n == 3 and "force" not in group.name else None
-        )
-        result += [group.name + s for s in suffix or [f"_{i + 1}" for i in range(group.n)]]
-    return result
 
 
 def parse_payloads(options: list[str], paths: list[Path]) -> dict[Path, float]:
@@ -165,10 +155,13 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     if refused.any() and not refused.all():
         result = _solve(config, recordings, payload, is_known, ~refused)
     estimates = [fit.of_batch("joint", result, g) for g in range(len(set(payload)))]
+    levels = sorted(set(payload))
+    found = diagnose.diagnose(robot, recordings)
+    found += findings.of_result(robot, config, result, recordings, [levels.index(p) for p in payload])
     xi = np.where(refused, 0.0, np.array(result["xi"]))
     std = np.where(refused, prior_std, np.sqrt(np.diag(covariance)))
     return Calibration(
-        robot, xi, std, prior_std, covariance, refused, estimates, sorted(set(payload)), directions, result["n_steps"]
+        robot, xi, std, prior_std, covariance, refused, estimates, sorted(set(payload)), directions, ordered(found)
     )
 
 

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-import inertiad_core
 from inertiad.base.body import NAMES
 from inertiad.base.finding import Finding, Severity
 from inertiad.base.table import Array
-from inertiad.identify import block_statistics, systematic_names
+from inertiad.identify import block_statistics, fit
 from inertiad.identify.block_statistics import BLOCKS_MIN, Copies, Indices
+from inertiad.identify.fit import Estimate
 from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run.reader import Recording
@@ -32,19 +32,20 @@ MISFIT: Final = 0.03
 """residual force over the weight: a hundred times a good set of sensors"""
 ABSURD: Final = 0.25
 """residual force over the weight: nothing is explained"""
-TENSION_SHARE: Final = (0.05, 0.5)
-"""residual of the force sensors over their mean tension: care, stop"""
+TENSION_SHARE: Final = 0.05
+"""residual of the force sensors over their mean tension"""
 IMPOSSIBLE: Final = (2.0, 9.0)
 """squared distance in sigmas to a body that can exist: care, stop"""
 MOST: Final = 0.8
 """share of a variance that one kind of sensor error must have to be called confounded"""
 CONFOUNDED_WIDE: Final = (0.02, 0.02, 0.1)
-"""sigma of mass [of the mass], CoG [of the platform's size], inertia [of the largest moment] that confounding is named at"""
+"""sigma of mass [of the mass], CoG [of the platform's size], inertia [of the largest moment] from which confounding is
+named"""
 
 SEPARATES: Final = {
-    "force_offset": "tare the force sensors with no tension in any cable (inertiactl calibrate --tare FILE.csv), or add "
-    "poses high and low, where the cables' elevation differs",
-    "force_gain": "add a run with a known weight on the platform: inertiactl calibrate ROBOT RUN RUN2 --payload RUN2=KG",
+    "force_offset": "tare the force sensors with no tension in any cable (inertiactl calibrate --tare FILE.csv), or "
+    "add poses high and low, where the cables' elevation differs",
+    "force_gain": "add a run with a known weight: inertiactl calibrate ROBOT RUN RUN2 --payload RUN2=KG",
     "attitude_bias": "turn the platform by 180 deg about its vertical axis, or tilt it both ways about each axis",
     "imu_alignment": "tilt the platform both ways about each axis; measure how the IMU sits on it",
     "acc_bias": "add poses tilted both ways about each axis, or calibrate the accelerometer in six positions",
@@ -71,7 +72,7 @@ def _size_of_residual(result: dict[str, Any]) -> tuple[float, float]:
 
 def _far(result: dict[str, Any], robot: Robot) -> list[tuple[str, float, float]]:
     """Name, value in its unit and size in prior sigmas of every sensor error, the furthest first."""
-    labels, n_theta = systematic_names.names(robot.n_cables), 10 * len(result["body"])
+    labels, n_theta = fit.names(robot.n_cables), 10 * len(result["body"])
     found = []
     for k, i in enumerate(result["free"]):
         prior = float(result["prior_std"][n_theta + k])
@@ -89,8 +90,8 @@ def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
         evidence |= {"parameter": far[0][0], "value": far[0][1], "prior_sigmas": far[0][2]}
     if result["refused"] and far:
         says = (
-            f"the fit does not converge: it drives {far[0][0].replace('_', ' ')} to {far[0][1]:.3g}, {far[0][2]:.0f} times "
-            "the standard deviation stated for it, where the equations no longer hold"
+            f"the fit does not converge: it drives {far[0][0].replace('_', ' ')} to {far[0][1]:.3g}, {far[0][2]:.0f} "
+            "times the standard deviation stated for it, where the equations no longer hold"
         )
         name = "parameter_at_bound"
     else:
@@ -99,7 +100,7 @@ def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
             f"{result['last_step']:.2g} sigma long"
         )
         name = "not_converged"
-    do = "use none of these numbers; record a motion that tilts and turns the platform, with an IMU, or correct robot.toml"
+    do = "use none of these numbers; correct robot.toml, or record a motion that tilts and turns the platform, with an IMU"
     yield Finding(name, "stop", says, do, evidence)
 
 
@@ -141,16 +142,16 @@ def _few_blocks(result: dict[str, Any]) -> Iterator[Finding]:
         return
     correlation = max(f["correlation_time"] for f in result["fit"])
     says = (
-        f"only {spread.n_blocks} independent stretches of data: residuals stay correlated over {correlation:.2g} s; sigma is "
-        "taken wider, at most the prior's"
+        f"only {spread.n_blocks} independent stretches of data: residuals stay correlated over {correlation:.2g} s; sigma "
+        "is taken wider, at most the prior's"
     )
     do = f"record for {np.ceil(BLOCKS_MIN * max(correlation, 1.0)):.0f} s or more"
     yield Finding("short_record", "care", says, do, {"blocks": spread.n_blocks, "correlation_time": correlation})
 
 
 def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
-    units = systematic_names.units(robot.n_cables)
-    labels = systematic_names.names(robot.n_cables)
+    units = [(g.factor, g.unit) for g in fit.groups(robot.n_cables) for _ in range(g.n)]
+    labels = fit.names(robot.n_cables)
     for name, value, far in _far(result, robot)[:NAMED_MOST]:
         if far > FAR:
             factor, unit = units[labels.index(name)]
@@ -160,76 +161,65 @@ def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
             yield Finding("correction_beyond_prior", "care", says, do, evidence)
 
 
-def _tension_residuals(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Array:
-    """N [m]: root mean square of the smallest change of tensions that would explain the windows' residuals."""
-    xi = np.array(result["xi"])
-    corrected = inertiad_core.calibrated(config, xi)
-    back = -np.array(recordings[0].robot.imu.position)
-    squares, n = np.zeros(recordings[0].robot.n_cables), 0
-    for run, g in zip(recordings, group, strict=True):
-        windows = inertiad_core.Windows(corrected, inertiad_core.corrected_rows(config, run.rows, xi))
-        if len(windows.y) == 0:
-            continue
-        e = windows.y - windows.Y @ inertiad_core.shift(np.array(result["body"][g]["theta_possible"]), back)
-        first = 11  # force offsets: their columns are minus W
-        W = -windows.X(np.zeros(10))[:, :, first : first + len(squares)]
-        squares += np.square(np.einsum("kij,kj->ki", np.linalg.pinv(W), e)).sum(axis=0)
-        n += len(e)
-    return np.asarray(np.sqrt(squares / max(n, 1)))
-
-
 def _forces(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:
-    try:
-        residual = _tension_residuals(config, result, recordings, group)
-    except ValueError:
-        return
+    estimates = [fit.of_batch("joint", result, g) for g in range(len(result["body"]))]
+    squares = [
+        np.square(fit.validate(config, estimates[g], run).tension_rms) for g, run in zip(group, recordings, strict=True)
+    ]
+    residual = np.sqrt(np.mean(squares, axis=0))
     tension = float(np.mean([np.abs(run.rows.f).mean() for run in recordings]))
     worst = int(residual.argmax())
     share = float(np.sqrt(np.mean(residual**2))) / max(tension, 1e-9)
-    if share < TENSION_SHARE[0]:
+    if share < TENSION_SHARE:
         return
-    severity: Severity = "stop" if share > TENSION_SHARE[1] else "care"
     says = (
-        f"the force sensors agree only to {share * tension:.3g} N, {100 * share:.2g} % of the mean tension {tension:.3g} N; "
+        f"the force sensors agree only to {share * tension:.3g} N, {100 * share:.2g} % of the mean {tension:.3g} N; "
         f"cable {worst + 1} is worst with {residual[worst]:.3g} N"
     )
     do = f"check zero and gain of force sensor {worst + 1}, friction of its pulley, and the cables' wiring"
     evidence = {"residual": residual.tolist(), "mean_tension": tension, "share": share}
-    yield Finding("forces_disagree", severity, says, do, evidence)
+    yield Finding("forces_disagree", "care", says, do, evidence)
+
+
+def _inconsistent(distance: float) -> Iterator[Finding]:
+    if distance <= IMPOSSIBLE[0]:
+        return
+    severity: Severity = "stop" if distance > IMPOSSIBLE[1] else "care"
+    says = (
+        "the estimate is not physically consistent; the nearest consistent body is shown, "
+        f"{np.sqrt(distance):.1f} sigma away"
+    )
+    do = "more excitation, or look for a mistake in geometry and sensor axes"
+    yield Finding("impossible_body", severity, says, do, {"distance": distance})
+
+
+def _unseen(names: list[str]) -> Finding:
+    return Finding(
+        "poorly_observable",
+        "care",
+        f"poorly observable in this motion: {', '.join(names)}; the sigma is more than half of the prior's",
+        "turn the platform faster about all axes: inertiactl excite ROBOT -o excite.csv plans such a motion",
+        {"parameters": names},
+    )
 
 
 def _possible(result: dict[str, Any]) -> Iterator[Finding]:
     for body in result["body"]:
-        if not body["consistent"] and body["distance"] > IMPOSSIBLE[0]:
-            severity: Severity = "stop" if body["distance"] > IMPOSSIBLE[1] else "care"
-            yield Finding(
-                "impossible_body",
-                severity,
-                "the estimate is not physically consistent; the nearest consistent body is shown, "
-                f"{np.sqrt(body['distance']):.1f} sigma away",
-                "more excitation, or look for a mistake in geometry and sensor axes",
-                {"distance": body["distance"]},
-            )
+        if not body["consistent"]:
+            yield from _inconsistent(float(body["distance"]))
 
 
 def _observability(result: dict[str, Any]) -> Iterator[Finding]:
     unseen = sorted({i for body in result["body"] for i in range(10) if not body["observable"][i]})
     if unseen:
-        names = ", ".join(NAMES[i] for i in unseen)
-        yield Finding(
-            "poorly_observable",
-            "care",
-            f"poorly observable in this motion: {names}; the sigma is more than half of the prior's",
-            "turn the platform faster about all axes: inertiactl excite ROBOT -o excite.csv plans such a motion",
-            {"parameters": [NAMES[i] for i in unseen]},
-        )
+        yield _unseen([NAMES[i] for i in unseen])
 
 
 def kinds_of_unknowns(robot: Robot, result: dict[str, Any], group: int = 0) -> dict[str, Indices]:
     """Where the body and each kind of sensor error are among the unknowns."""
     free, n_theta = list(result["free"]), 10 * len(result["body"])
     found = {"body": np.arange(10 * group, 10 * group + 10)}
-    for kind in systematic_names.groups(robot.n_cables):
+    for kind in fit.groups(robot.n_cables):
         at = [n_theta + free.index(i) for i in range(kind.first, kind.first + kind.n) if i in free]
         found[kind.name] = np.array(at, dtype=np.intp)
     found["geometry"] = np.arange(n_theta + len(free), len(result["prior_std"]))
@@ -256,7 +246,7 @@ def _confounded(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
     if not len(result["free"]):
         return
     body = result["body"][0]
-    std = block_statistics.standard_deviations(robot, body)
+    std = np.array(fit.of_batch("joint", result).body.std)
     unit = np.array([body["mass"], platform_size(robot), max(*body["inertia_cog"][:3], 1e-9)])
     share = shares(robot, result)
     for k, part in enumerate((slice(0, 1), slice(1, 4), slice(4, 10))):
@@ -328,4 +318,17 @@ def of_result(
         found += [*_runs(robot, result, recordings, bodies)]
     found += [*_possible(result), *_corrections(robot, result)]
     found += [*_observability(result), *_confounded(robot, result)]
+    return found
+
+
+def of_estimate(estimate: Estimate) -> list[Finding]:
+    """Findings about a result that another method than joint gave, the worst first."""
+    found = []
+    if not estimate.is_converged:
+        found.append(Finding("not_converged", "stop", "the fit does not converge", "look for a mistake in robot.toml"))
+    unseen = [name for name, seen in zip(NAMES, estimate.observable, strict=True) if not seen]
+    if unseen:
+        found.append(_unseen(unseen))
+    if not estimate.consistent:
+        found += _inconsistent(estimate.distance)
     return found

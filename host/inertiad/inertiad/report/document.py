@@ -91,4 +91,4 @@ def write(
     output.write_text(page.render(made), encoding="utf-8")
     if folder is not None:
         printed.write_all(page.drawings_of(made), folder)
-    return verdict.spoken(made.verdict)
+    return verdict.summary(made.verdict)

@@ -8,7 +8,7 @@ import numpy as np
 
 from inertiad.base.body import NAMES, Body
 from inertiad.base.table import Array
-from inertiad.identify import calibrate
+from inertiad.identify import fit
 from inertiad.identify.fit import Estimate
 from inertiad.report import wording
 from inertiad.report.figure import Bars, Color, Figure, Heat, Line, Mark, Panel, Points, Role, Rule, line
@@ -300,7 +300,7 @@ def calibration(facts: Facts) -> Iterator[Figure]:
         return
     prior = np.maximum(facts.prior_xi, 1e-12)
     known = facts.prior_xi > 1e-9
-    labels = [wording.spaced(n) for n, told in zip(calibrate.names(facts.robot.n_cables), known, strict=True) if told]
+    labels = [wording.spaced(n) for n, told in zip(fit.names(facts.robot.n_cables), known, strict=True) if told]
     z, half = (joint.xi / prior)[known], (joint.xi_std / prior)[known]
     marks: list[Mark] = [
         Bars(labels, [2.0] * len(labels), "before: ± 1 σ of [std]", "muted", [-1.0] * len(labels), thin=True),

@@ -14,9 +14,10 @@ import inertiad_core
 from inertiad.base import body as estimate
 from inertiad.base.body import Body
 from inertiad.base.error import InputError
+from inertiad.base.finding import Finding
 from inertiad.base.table import Array
 from inertiad.base.text_files import read_json
-from inertiad.identify import calibrate, diagnose, fit
+from inertiad.identify import diagnose, fit, identification
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate, Validation
 from inertiad.report import cables
@@ -27,8 +28,6 @@ from inertiad.run import reader
 from inertiad.run.reader import Recording
 
 Progress = Callable[[str], None]
-SAME_SIGMAS: Final = 4.0
-"""two runs whose results differ by more saw different bodies, or different sensors"""
 HELD_OUT_MAX: Final = 8
 """runs up to which each is predicted from the others"""
 GAP: Final = 1.5
@@ -146,8 +145,8 @@ class Facts:
     truth: Body | None = None
     simulated: dict[str, Any] = field(default_factory=dict)
     """settings of a simulated run"""
-    found: list[str] = field(default_factory=list)
-    """by diagnose"""
+    found: list[Finding] = field(default_factory=list)
+    """by fit: mistakes, misfit, payload changes"""
     command: str = ""
 
     @property
@@ -158,12 +157,6 @@ class Facts:
     def nominal(self) -> Body | None:
         n = self.robot.nominal
         return None if n is None else Body((n.mass, *n.cog, *n.inertia_cog), (0.0,) * 10)
-
-    @property
-    def other_bodies(self) -> list[str]:
-        """Runs whose mass, CoG or inertia differs from the first's by more than chance."""
-        estimates = [(run.name, run.estimate.body) for run in self.usable if run.estimate is not None]
-        return [name for name, body in estimates[1:] if apart(body, estimates[0][1]).max() > SAME_SIGMAS]
 
 
 def apart(a: Body, b: Body) -> Array:
@@ -318,8 +311,10 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
     robot = recordings[0].robot
     config = reader.config_of(robot, robot.name)
     progress("fit all runs together")
-    alone = usable[0].alone
-    result = alone if len(usable) == 1 and alone is not None else fit.batch(config, recordings)
+    done = identification.joint(robot, config, recordings, diagnose.diagnose(robot, recordings), progress)
+    if done.result is None:
+        return Facts(robot, found, found=done.findings, command=command)
+    result = fit.batch(config, recordings) if done.segments else done.result
     joint = fit.of_batch("joint", result)
     residuals = [cables.residual(config, joint, recording) for recording in recordings]
     progress("compare methods")
@@ -328,8 +323,6 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
     noise = np.sqrt(np.mean([np.square(f["noise_std"]) for f in result["fit"]], axis=0))
     tension = np.concatenate([r.tension for r in residuals])
     force_check = cables.check(_nearest_model(robot, joint), joint, noise, recordings, tension)
-    progress("look for mistakes")
-    mistakes = diagnose.diagnose(robot, recordings)
     parts = zip(usable, residuals, _predictions(config, usable), strict=True)
     complete = {id(run): replace(run, residual=residual, prediction=prediction) for run, residual, prediction in parts}
     paths = [run.path for run in usable]
@@ -341,10 +334,10 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
         _uncertainty(robot, result),
         force_check,
         [_motion(config, recording) for recording in recordings],
-        np.array(result["prior_std"])[10 : 10 + len(calibrate.names(robot.n_cables))],
+        np.array(result["prior_std"])[10 : 10 + len(fit.names(robot.n_cables))],
         fit.truth_of(paths),
         _simulated(paths),
-        mistakes,
+        done.findings,
         command,
     )
 

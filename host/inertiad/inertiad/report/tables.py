@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from inertiad.base.body import NAMES
-from inertiad.identify import calibrate
+from inertiad.identify import fit
 from inertiad.report import figures, wording
 from inertiad.report.figure import Table
 from inertiad.report.report_data import Facts
@@ -60,7 +60,7 @@ def calibration(facts: Facts) -> Table:
     joint = facts.joint
     assert joint is not None and joint.xi is not None and joint.xi_std is not None
     rows, faint = [], []
-    parameters = zip(calibrate.names(facts.robot.n_cables), wording.factors(facts.robot.n_cables), strict=True)
+    parameters = zip(fit.names(facts.robot.n_cables), wording.factors(facts.robot.n_cables), strict=True)
     for i, (name, (k, unit)) in enumerate(parameters):
         std, before = k * joint.xi_std[i], k * facts.prior_xi[i]
         if std > HARDLY * before:

@@ -6,7 +6,7 @@ beside it) and a robot description; or an LCM log of the daemon, whose rows are 
 CSV lacks, rates or specific force, is derived from the other columns; see derived_motion.py.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -213,6 +213,16 @@ def read(path: Path, robot_file: Path | None = None) -> Recording:
             f"{path}: no sample is whole: forces, attitude and position at one time ({lost or 'no overlap'})"
         )
     return run
+
+
+def part(recording: Recording, begin: float, end: float) -> Recording:
+    """The rows of a run from begin to end, s since its first row."""
+    rows = recording.rows
+    t = rows.t - rows.t[0]
+    inside = (t >= begin) & (t <= end)
+    columns = [np.ascontiguousarray(x[inside]) for x in (rows.acc, rows.gyro, rows.q, rows.position, rows.f)]
+    kept = inertiad_core.Rows(_nanoseconds(rows.t[inside]), *columns, rows.derives_force, rows.derives_rate)
+    return replace(recording, rows=kept)
 
 
 def read_all(paths: list[Path], robot_file: Path | None = None) -> list[Recording]:
