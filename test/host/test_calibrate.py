@@ -72,7 +72,7 @@ def test_a_run_at_rest_tells_little_and_says_so(recordings: list[Recording]) -> 
         *(np.ascontiguousarray(a[:90]) for a in (rows.acc, rows.gyro, rows.q, rows.position, rows.f)),
     )
     found = _calibrated([Recording(recordings[0].path, recordings[0].robot, still, 0, 0, {})], {})
-    labels = calibrate.names(8)
+    labels = fit.names(8)
     refused = {labels[i] for i in np.flatnonzero(found.refused)}
     assert {"position_delay", "force_delay"} <= refused
     assert (found.xi[found.refused] == 0.0).all()

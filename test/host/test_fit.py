@@ -40,7 +40,7 @@ def config(recording: Recording) -> object:
 def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config: object) -> None:
     import statsmodels.api as sm
 
-    options = {"group": [0], "payload": [0.0], "is_free": [False] * 31, "theta_prior": 1e6, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": [False] * 31, "theta_prior": 1e6, "is_weight_learnt": False}
     ours = inertiad_core.batch(config, [recording.rows], **options)
     windows = inertiad_core.Windows(config, recording.rows)
     weight = np.tile(1.0 / ours["fit"][0]["noise_std"] ** 2, len(windows.y))
@@ -51,7 +51,7 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
 
 def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
     free = [True] * 11 + [False] * 20
-    options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": free, "is_weight_learnt": False}
     std = recording.robot.std.model_copy(update={"geometry": 0.0, "attitude_wander": 0.0})  # no unknowns beside these
     noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
     still = recording.robot.model_copy(update={"std": std, "estimator": noise})
@@ -313,7 +313,7 @@ def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
 def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, config: object) -> None:
     """Against generalised least squares with the dense covariance of wander and noise over all windows."""
     free = [True] * 3 + [False] * 28
-    options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": free, "is_weight_learnt": False}
     std = recording.robot.std.model_copy(update={"geometry": 0.0})
     config = reader.config_of(recording.robot.model_copy(update={"std": std}), "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)

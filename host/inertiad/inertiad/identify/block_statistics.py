@@ -196,14 +196,14 @@ class Copies:
     """What another value of some unknowns in another part of the data explains."""
 
     fall: float
-    """of the cost, chi squared, in units of the residuals' spread between blocks"""
+    """of the cost, chi squared under the weights"""
     size: int
     """unknowns that got another value"""
     step: Array
     """second value minus first [size], in prior sigmas"""
 
 
-def _second_value(of: Blocks, later: NDArray[np.bool_], unknown: Indices, widening: float) -> Copies:
+def _second_value(of: Blocks, later: NDArray[np.bool_], unknown: Indices) -> Copies:
     """Blocks later have another value of the unknowns."""
     n, k = of.prior.shape[0], len(unknown)
     H = np.zeros((n + k, n + k))
@@ -219,13 +219,16 @@ def _second_value(of: Blocks, later: NDArray[np.bool_], unknown: Indices, wideni
     x = cho_solve(cho_factor(H), g)
     pull = of.prior_gradient[unknown]
     double = float(pull @ np.linalg.solve(of.prior[np.ix_(unknown, unknown)], pull))
-    return Copies((float(g @ x) - double) / widening**2, k, x[n:] - x[unknown])
+    return Copies(float(g @ x) - double, k, x[n:] - x[unknown])
 
 
-def is_significant(copies: Copies, n_tried: int) -> bool:
-    """More than chance, also where n_tried places were looked at: six sigma of chi squared and its logarithm."""
+def is_significant(copies: Copies, n_tried: int, widening: float) -> bool:
+    """More than chance, also where n_tried places were looked at: six sigma of chi squared and its logarithm.
+
+    widening: spread of the residuals between blocks over what the weights say.
+    """
     limit = copies.size + 6.0 * np.sqrt(2.0 * copies.size) + 2.0 * np.log(max(n_tried, 1)) + 10.0
-    return bool(copies.fall > limit)
+    return bool(copies.fall > limit * widening**2)
 
 
 @dataclass(frozen=True)
@@ -240,12 +243,16 @@ class Change:
     """s: the blocks on either side; what changed did so between their middles"""
     kind: str
     copies: Copies
+    is_significant: bool
     runner_up: str
     runner_up_fall: float
 
 
 def change(of: Blocks, run: int, kinds: dict[str, Indices], widening: float) -> Change | None:
-    """The most significant change of one of the kinds of unknowns within a run; None: there is none."""
+    """The best place for a change of one of the kinds of unknowns within a run; None: it is one block.
+
+    A large change widens the residuals it is judged by and is not significant then: a fit of both stretches shows it.
+    """
     inside = np.flatnonzero(of.run == run)
     best: dict[str, tuple[Copies, int]] = {}
     for k in range(1, len(inside)):
@@ -254,15 +261,13 @@ def change(of: Blocks, run: int, kinds: dict[str, Indices], widening: float) -> 
         for kind, unknown in kinds.items():
             if len(unknown) == 0:
                 continue
-            copies = _second_value(of, later, unknown, widening)
+            copies = _second_value(of, later, unknown)
             if kind not in best or copies.fall > best[kind][0].fall:
                 best[kind] = (copies, k)
     if not best:
         return None
     order = sorted(best, key=lambda kind: best[kind][0].size - best[kind][0].fall)
     copies, k = best[order[0]]
-    if not is_significant(copies, len(inside) * len(kinds)):
-        return None
     second = order[1] if len(order) > 1 else ""
     return Change(
         run,
@@ -271,13 +276,12 @@ def change(of: Blocks, run: int, kinds: dict[str, Indices], widening: float) -> 
         float(of.end[inside[k]]),
         order[0],
         copies,
+        is_significant(copies, len(inside) * len(kinds), widening),
         second,
         best[second][0].fall if second else 0.0,
     )
 
 
-def other_in_run(of: Blocks, run: int, kinds: dict[str, Indices], widening: float) -> dict[str, Copies]:
+def other_in_run(of: Blocks, run: int, kinds: dict[str, Indices]) -> dict[str, Copies]:
     """By kind: what another value in one run than in all others explains."""
-    return {
-        kind: _second_value(of, of.run == run, unknown, widening) for kind, unknown in kinds.items() if len(unknown)
-    }
+    return {kind: _second_value(of, of.run == run, unknown) for kind, unknown in kinds.items() if len(unknown)}

@@ -62,7 +62,7 @@ def _weight(robot: Robot, result: dict[str, Any]) -> float:
     return float(max(body["mass"] for body in result["body"])) * max(robot.gravity, 1.0)
 
 
-def _size_of_residual(result: dict[str, Any]) -> tuple[float, float]:
+def residual(result: dict[str, Any]) -> tuple[float, float]:
     """N and N m: root mean square over all windows."""
     n = np.array([f["n_windows"] for f in result["fit"]], dtype=float)
     square = np.array([np.square(f["rms"]) for f in result["fit"]])
@@ -100,37 +100,52 @@ def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
             f"{result['last_step']:.2g} sigma long"
         )
         name = "not_converged"
-    do = "use none of these numbers; correct robot.toml, or record a motion that tilts and turns the platform, with an IMU"
+    do = "use none of these numbers; correct robot.toml, or record faster and wider motion with an IMU"
     yield Finding(name, "stop", says, do, evidence)
 
 
+def _causes_of_misfit(robot: Robot, result: dict[str, Any]) -> list[str]:
+    """Why the residuals are no noise, in words; empty: they may be."""
+    force, weight = residual(result)[0], _weight(robot, result)
+    correlation = max(f["correlation_time"] for f in result["fit"])
+    spread, causes = result.get("spread"), []
+    if force > MISFIT * weight:
+        causes.append(f"it is {100 * force / weight:.2g} % of the weight")
+    if correlation > CORRELATED_LONG * robot.estimator.window_length:
+        causes.append(f"it stays correlated over {correlation:.2g} s")
+    if spread is not None and spread.n_blocks >= BLOCKS_MIN and _wider(result) > WIDER:
+        causes.append(f"its stretches scatter {_wider(result):.2g} times more than their sigma")
+    return causes
+
+
+def has_misfit(robot: Robot, result: dict[str, Any]) -> bool:
+    """Residuals that are no noise."""
+    return bool(_causes_of_misfit(robot, result))
+
+
+def _wider(result: dict[str, Any]) -> float:
+    """Largest factor on the sigma of mass and CoG."""
+    spread = result.get("spread")
+    return 1.0 if spread is None else float(max(np.max(ratio[:4]) for ratio in spread.body))
+
+
 def _misfit(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
-    force, moment = _size_of_residual(result)
+    force, moment = residual(result)
     weight = _weight(robot, result)
     correlation = max(f["correlation_time"] for f in result["fit"])
-    spread = result.get("spread")
-    wider = float(max(np.max(ratio[:4]) for ratio in spread.body)) if spread is not None else 1.0
     evidence = {
         "residual_force": force,
         "residual_moment": moment,
         "share_of_weight": force / max(weight, 1e-9),
         "correlation_time": correlation,
-        "sigma_factor": min(wider, 1e3),
+        "sigma_factor": min(_wider(result), 1e3),
     }
-    length = robot.estimator.window_length
     do = "look at geometry, friction of the pulleys and the force sensors; report RUN shows the residual over time"
     if force > ABSURD * weight:
         says = f"the residual is {force:.3g} N of {weight:.3g} N weight: the data do not follow from this robot.toml"
         yield Finding("misfit", "stop", says, do, evidence)
         return
-    causes = []
-    if force > MISFIT * weight:
-        causes.append(f"it is {100 * force / weight:.2g} % of the weight")
-    if correlation > CORRELATED_LONG * length:
-        causes.append(f"it stays correlated over {correlation:.2g} s")
-    enough = spread is None or spread.n_blocks >= BLOCKS_MIN
-    if enough and wider > WIDER:
-        causes.append(f"its stretches scatter {wider:.2g} times more than their sigma")
+    causes = _causes_of_misfit(robot, result)
     if causes:
         says = f"unexplained misfit of {force:.3g} N and {moment:.3g} N m: {', '.join(causes)}; sigma is widened for it"
         yield Finding("misfit", "care", says, do, evidence)
@@ -142,7 +157,7 @@ def _few_blocks(result: dict[str, Any]) -> Iterator[Finding]:
         return
     correlation = max(f["correlation_time"] for f in result["fit"])
     says = (
-        f"only {spread.n_blocks} independent stretches of data: residuals stay correlated over {correlation:.2g} s; sigma "
+        f"only {spread.n_blocks} independent stretches of data: residuals last for {correlation:.2g} s; sigma "
         "is taken wider, at most the prior's"
     )
     do = f"record for {np.ceil(BLOCKS_MIN * max(correlation, 1.0)):.0f} s or more"
@@ -281,8 +296,10 @@ def _runs(robot: Robot, result: dict[str, Any], recordings: list[Recording], gro
     for r, run in enumerate(recordings):
         if not any(g == group[r] for q, g in enumerate(group) if q != r):
             continue
-        found = block_statistics.other_in_run(of, r, kinds_of_unknowns(robot, result, group[r]), widening)
-        sure = {k: c for k, c in found.items() if block_statistics.is_significant(c, len(recordings) * len(found))}
+        found = block_statistics.other_in_run(of, r, kinds_of_unknowns(robot, result, group[r]))
+        sure = {
+            k: c for k, c in found.items() if block_statistics.is_significant(c, len(recordings) * len(found), widening)
+        }
         if sure:
             yield _other_run(run.path.name, sure, result, robot, group[r])
             if len(recordings) == 2:

@@ -28,6 +28,8 @@ FINE: Final = 0.0
 """s: blocks as short as the solver leaves them, to find the instant of a change"""
 APART: Final = 4.0
 """sigmas between the masses or CoGs of two stretches that make them two bodies"""
+FALLS_TO: Final = 0.8
+"""of the residual force: what two bodies must leave to be believed"""
 SHORTEST: Final = 5.0
 """s of a stretch that gets a body of its own"""
 
@@ -75,16 +77,14 @@ def _solve(config: Any, parts: list[Part]) -> Solved:
     return Solved(parts, fit.batch(config, [part.recording for part in parts], **options))
 
 
-def _changed(robot: Robot, solved: Solved) -> Change | None:
-    """The most significant change of the body or of a sensor within a part."""
-    if not solved.result["converged"]:
-        return None
+def _changes(robot: Robot, solved: Solved) -> list[Change]:
+    """Of each part the best place for a change, the likeliest part first."""
     of, widening = block_statistics.blocks(solved.result, FINE), findings.widening_of(solved.result)
     found = []
     for r, part in enumerate(solved.parts):
         kinds = findings.kinds_of_unknowns(robot, solved.result, part.group)
         found.append(block_statistics.change(of, r, kinds, widening))
-    return max((c for c in found if c is not None), key=lambda c: c.copies.fall, default=None)
+    return sorted((c for c in found if c is not None), key=lambda c: -c.copies.fall)
 
 
 def _split(solved: Solved, change: Change) -> list[Part]:
@@ -108,23 +108,48 @@ def _are_two_bodies(result: dict[str, Any], a: int, b: int) -> bool:
     return bool(gap[:4].max() > APART)
 
 
+def _with_two_bodies(config: Any, solved: Solved, change: Change) -> Solved | None:
+    """The fit with another body from the change on; None: a stretch is too short, or there is no such fit."""
+    parts = _split(solved, change)
+    if min(part.recording.duration for part in parts[change.run : change.run + 2]) < SHORTEST:
+        return None
+    try:
+        split = _solve(config, parts)
+    except InputError:
+        return None
+    return split if split.result["converged"] else None
+
+
+def _two_bodies(config: Any, solved: Solved, change: Change) -> Solved | None:
+    """The split at the change or a block beside it that leaves least; None: no better, or the bodies are equal."""
+    before = findings.residual(solved.result)[0]
+
+    def left(split: Solved) -> float:
+        return findings.residual(split.result)[0]
+
+    first = _with_two_bodies(config, solved, change)
+    if first is None or left(first) > FALLS_TO * before:
+        return None
+    step = 0.5 * (change.end - change.begin)
+    beside = [
+        _with_two_bodies(config, solved, replace(change, begin=change.begin + d, end=change.end + d))
+        for d in (-step, step)
+    ]
+    best = min((split for split in (first, *beside) if split is not None), key=left)
+    a, b = (part.group for part in best.parts[change.run : change.run + 2])
+    return best if _are_two_bodies(best.result, a, b) else None
+
+
 def _follow_changes(robot: Robot, config: Any, solved: Solved) -> Solved:
-    """Split wherever the body changed."""
+    """Split wherever another body explains the data better."""
     for _ in range(CHANGES_MAX):
-        change = _changed(robot, solved)
-        if change is None or change.kind != "body":
-            return replace(solved, change=change)
-        parts = _split(solved, change)
-        if min(parts[change.run].recording.duration, parts[change.run + 1].recording.duration) < SHORTEST:
-            return replace(solved, change=change)
-        try:
-            split = _solve(config, parts)
-            if not split.result["converged"] or not _are_two_bodies(
-                split.result, parts[change.run].group, parts[change.run + 1].group
-            ):
-                return replace(solved, change=change)
-        except InputError:
-            return replace(solved, change=change)
+        if not solved.result["converged"]:
+            break
+        found = [c for c in _changes(robot, solved) if c.is_significant or findings.has_misfit(robot, solved.result)]
+        split = next((s for s in (_two_bodies(config, solved, c) for c in found) if s is not None), None)
+        if split is None:
+            sure = [c for c in found if c.is_significant]
+            return replace(solved, change=sure[0] if sure else None)
         solved = split
     return solved
 
@@ -228,14 +253,16 @@ def identify(
     progress("look for mistakes")
     mistakes = diagnose.diagnose(robot, recordings)
     progress("fit")
-    if method == "joint":
-        done = joint(robot, config, recordings, mistakes, progress)
-    else:
-        try:
+    try:
+        if method == "joint":
+            done = joint(robot, config, recordings, mistakes, progress)
+        else:
             estimate = fit.fit(method, robot, config, recordings)
-        except NoBodyError as error:
-            return Identification(None, ordered([*mistakes, _no_body(error)]), [], [])
-        done = Identification(estimate, ordered([*mistakes, *findings.of_estimate(estimate)]), [], [])
+            done = Identification(estimate, ordered([*mistakes, *findings.of_estimate(estimate)]), [], [])
+    except NoBodyError as error:
+        return Identification(None, ordered([*mistakes, _no_body(error)]), [], [])
+    except InputError as error:
+        raise InputError("; ".join([str(error), *(mistake.says for mistake in mistakes)])) from None
     if done.estimate is None:
         return done
     held = [fit.validate(config, done.estimate, run) for run in reader.read_all(held_out, robot_file)]
