@@ -295,7 +295,7 @@ def fit(
     validate: Annotated[
         list[Path] | None, typer.Option("--validate", metavar="RUN", help="Predict this run, which is not used.")
     ] = None,
-) -> int:
+) -> None:
     """Identify the body offline, from any number of runs together.
 
     Exit status 0: good or usable with care, 1: not to be used (the file says why), 2: bad usage or input.
@@ -320,7 +320,8 @@ def fit(
     if json is not None:
         data = fitter.document(described, done.estimate, recordings, done.validations, done.findings, done.segments)
         fitter.write(json, data)
-    return 1 if finding.verdict(done.findings) == "stop" else 0
+    if finding.verdict(done.findings) == "stop":
+        raise typer.Exit(1)
 
 
 @app.command(epilog="Example: inertiactl report run1 run2 -o report.html --figures figures")
@@ -382,7 +383,7 @@ def calibrate(
     tare: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
     ] = None,
-) -> int:
+) -> None:
     """Find the sensors' systematic errors, say what the runs cannot tell, and write what compile takes in.
 
     In robot.toml: [calibration] file = "calibration.toml". Exit status 0: written, 1: not to be used, so
@@ -408,10 +409,9 @@ def calibrate(
         _say(line)
     if finding.verdict(result.findings) == "stop":
         _say(f"{output}: not written")
-        return 1
+        raise typer.Exit(1)
     calibrator.write(output, result)
     _say(f"{output}: written")
-    return 0
 
 
 @app.command(epilog="Example: inertiactl sync run")

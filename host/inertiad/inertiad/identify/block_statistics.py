@@ -9,8 +9,9 @@ solution, and H_0 of all priors. Everything here follows from these by one Newto
     run against others    d = x_r - x_o,   cov d = K_r + K_o - K_o H_0 K_r - K_r H_0 K_o,   K = (H + H_0)^-1
     another value after a block, or in each run: the fall of the cost with a second copy of these unknowns
 
-Blocks are joined until they last two correlation times of the residuals (their long-run variance over their variance,
-in windows' steps, is twice the correlation time of a first-order process). Source of the jackknife: Efron, Stein,
+Blocks are joined until they last four correlation times of the residuals (their long-run variance over their variance,
+in windows' steps, is two correlation times of a first-order process; such blocks show three quarters of its variance).
+ Source of the jackknife: Efron, Stein,
 Annals of Statistics 9(3), 1981; of its use on correlated data: Kuensch, Annals of Statistics 17(3), 1989.
 """
 
@@ -28,6 +29,8 @@ from inertiad.robot.description import Robot
 
 Indices = NDArray[np.intp]
 
+LONG: Final = 2.0
+"""blocks over the correlation time as the solver gives it, which is twice that of a first-order process"""
 BLOCKS_MIN: Final = 6
 """fewer say little about the spread between them"""
 SURE: Final = 1.96
@@ -70,10 +73,10 @@ def _join(parts: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def blocks(result: dict[str, Any], length: float | None = None) -> Blocks:
-    """Blocks of a batch result of at least length [s]; default: two correlation times of each run's residuals."""
+    """Blocks of a batch result of at least length [s]; default: four correlation times of each run's residuals."""
     found: list[dict[str, Any]] = []
     for r, fit in enumerate(result["fit"]):
-        least = fit["correlation_time"] if length is None else length
+        least = LONG * fit["correlation_time"] if length is None else length
         waiting: list[dict[str, Any]] = []
         first = len(found)
         own = [b for b in result["blocks"] if b["run"] == r]

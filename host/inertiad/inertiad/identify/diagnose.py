@@ -279,7 +279,7 @@ def _force_unit(robot: Robot, recordings: list[Recording]) -> list[str]:
         windows = inertiad_core.Windows(config, run.rows)
         if len(windows.y):
             lifted.append(float(np.median(np.linalg.norm(windows.y[:, :3], axis=1))))
-    if not lifted or robot.gravity <= 0.0:
+    if not lifted or robot.gravity <= 0.0 or min(lifted) <= 0.0:
         return []
     measured, expected = float(np.median(lifted)), typical_mass(robot) * robot.gravity
     if robot.nominal is None and measured > 1e-2 * expected:

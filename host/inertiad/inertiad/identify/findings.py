@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from inertiad.base.body import NAMES
+from inertiad.base.error import InputError
 from inertiad.base.finding import Finding, Severity
 from inertiad.base.table import Array
 from inertiad.identify import block_statistics, fit
@@ -20,6 +21,10 @@ from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run.reader import Recording
 
+FALLS_TO: Final = 0.8
+"""of the residual force: what another model must leave to be believed"""
+CLOSE: Final = 0.8
+"""of the best candidate's fall of the cost: a runner-up that is named beside it"""
 FAR: Final = 4.0
 """prior sigmas beyond which a sensor's error is more than its data sheet allows"""
 NAMED_MOST: Final = 3
@@ -288,33 +293,55 @@ def widening_of(result: dict[str, Any]) -> float:
     return float(min(np.sqrt(np.mean([np.mean(np.square(ratio)) for ratio in spread.body])), 1e3))
 
 
-def _runs(robot: Robot, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:
-    """Runs whose body or sensors are others than those of all the rest."""
+def _is_alone_better(config: Any, result: dict[str, Any], recordings: list[Recording]) -> bool:
+    """Runs fitted one by one leave much less: what they share now is not the same for all."""
+    alone = []
+    for run in recordings:
+        try:
+            alone.append(fit.batch(config, [run])["fit"][0])
+        except InputError:
+            return False
+    return residual({"fit": alone})[0] < FALLS_TO * residual(result)[0]
+
+
+def _runs(
+    robot: Robot, config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]
+) -> Iterator[Finding]:
+    """Runs whose body or sensors are others than those of all the rest.
+
+    A large difference widens the residuals it is judged by; fits of single runs show it then.
+    """
     if len(recordings) < 2:
         return
-    of, widening = block_statistics.blocks(result), widening_of(result)
+    of, widening = block_statistics.blocks(result, 0.0), widening_of(result)
+    is_alone_better = has_misfit(robot, result) and _is_alone_better(config, result, recordings)
+    tried = []
     for r, run in enumerate(recordings):
-        if not any(g == group[r] for q, g in enumerate(group) if q != r):
-            continue
-        found = block_statistics.other_in_run(of, r, kinds_of_unknowns(robot, result, group[r]))
-        sure = {
-            k: c for k, c in found.items() if block_statistics.is_significant(c, len(recordings) * len(found), widening)
-        }
-        if sure:
-            yield _other_run(run.path.name, sure, result, robot, group[r])
-            if len(recordings) == 2:
-                return  # the other one differs as much
+        if any(g == group[r] for q, g in enumerate(group) if q != r):
+            found = block_statistics.other_in_run(of, r, kinds_of_unknowns(robot, result, group[r]))
+            sure = [block_statistics.is_significant(c, len(recordings) * len(found), widening) for c in found.values()]
+            tried.append((max(c.fall - c.size for c in found.values()), any(sure), run.path.name, found, group[r]))
+    tried.sort(key=lambda entry: -entry[0])
+    named = [entry for entry in tried if entry[1]] or (tried[:1] if is_alone_better else [])
+    for _, _, name, found, g in named[:1] if len(recordings) == 2 else named:  # of two, each differs from the other
+        yield _other_run(name, found, result, robot, g)
 
 
-def _other_run(name: str, sure: dict[str, Copies], result: dict[str, Any], robot: Robot, group: int) -> Finding:
-    order = sorted(sure, key=lambda kind: sure[kind].size - sure[kind].fall)
+def _other_run(name: str, tried: dict[str, Copies], result: dict[str, Any], robot: Robot, group: int) -> Finding:
+    order = sorted(tried, key=lambda kind: tried[kind].size - tried[kind].fall)
     kind = order[0]
-    second = f"; or another {order[1].replace('_', ' ')}" if len(order) > 1 else ""
-    evidence: dict[str, Any] = {"run": name, "kind": kind, "chi_squared": sure[kind].fall, "unknowns": sure[kind].size}
+    is_close = len(order) > 1 and tried[order[1]].fall > CLOSE * tried[kind].fall
+    second = f"; or another {order[1].replace('_', ' ')}" if is_close else ""
+    evidence: dict[str, Any] = {
+        "run": name,
+        "kind": kind,
+        "chi_squared": tried[kind].fall,
+        "unknowns": tried[kind].size,
+    }
     if len(order) > 1:
-        evidence |= {"runner_up": order[1], "runner_up_chi_squared": sure[order[1]].fall}
+        evidence |= {"runner_up": order[1], "runner_up_chi_squared": tried[order[1]].fall}
     if kind == "body":
-        mass = float(sure[kind].step[0] * result["prior_std"][10 * group])
+        mass = float(tried[kind].step[0] * result["prior_std"][10 * group])
         evidence["mass_difference"] = mass
         says = f"{name} saw a different body than the other runs: mass differs by {mass:+.3g} kg{second}"
         do = "fit runs of one body together, others apart; with a known added weight use inertiactl calibrate --payload"
@@ -332,7 +359,7 @@ def of_result(
     found = [*_convergence(robot, result)]
     if not found:
         found += [*_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
-        found += [*_runs(robot, result, recordings, bodies)]
+        found += [*_runs(robot, config, result, recordings, bodies)]
     found += [*_possible(result), *_corrections(robot, result)]
     found += [*_observability(result), *_confounded(robot, result)]
     return found

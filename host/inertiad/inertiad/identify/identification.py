@@ -28,8 +28,6 @@ FINE: Final = 0.0
 """s: blocks as short as the solver leaves them, to find the instant of a change"""
 APART: Final = 4.0
 """sigmas between the masses or CoGs of two stretches that make them two bodies"""
-FALLS_TO: Final = 0.8
-"""of the residual force: what two bodies must leave to be believed"""
 SHORTEST: Final = 5.0
 """s of a stretch that gets a body of its own"""
 
@@ -128,7 +126,7 @@ def _two_bodies(config: Any, solved: Solved, change: Change) -> Solved | None:
         return findings.residual(split.result)[0]
 
     first = _with_two_bodies(config, solved, change)
-    if first is None or left(first) > FALLS_TO * before:
+    if first is None or left(first) > findings.FALLS_TO * before:
         return None
     step = 0.5 * (change.end - change.begin)
     beside = [
