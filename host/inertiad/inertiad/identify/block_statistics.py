@@ -6,13 +6,12 @@ solution, and H_0 of all priors. Everything here follows from these by one Newto
 
     leave block b out     (H - H_b) d_b = -g_b
     jackknife             S = (B - 1)/B sum_b (d_b - mean d)(d_b - mean d)^T + H^-1 H_0 H^-1
-    run against others    d = x_r - x_o,   cov d = K_r + K_o - K_o H_0 K_r - K_r H_0 K_o,   K = (H + H_0)^-1
     another value after a block, or in each run: the fall of the cost with a second copy of these unknowns
 
 Blocks are joined until they last four correlation times of the residuals (their long-run variance over their variance,
 in windows' steps, is two correlation times of a first-order process; such blocks show three quarters of its variance).
- Source of the jackknife: Efron, Stein,
-Annals of Statistics 9(3), 1981; of its use on correlated data: Kuensch, Annals of Statistics 17(3), 1989.
+Source of the jackknife: Efron, Stein, Annals of Statistics 9(3), 1981; of its use on correlated data: Kuensch,
+Annals of Statistics 17(3), 1989.
 """
 
 from dataclasses import dataclass

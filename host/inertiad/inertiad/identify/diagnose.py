@@ -257,7 +257,9 @@ def _gyro_unit(run: Recording) -> list[str]:
     step = max(1, round(0.1 / float(np.median(np.diff(rows.t))))) if len(rows) > 1 else 1
     if len(rows) < 4 * step:
         return []
-    turned = (q[:-step].inv() * q[step:]).as_rotvec() / (rows.t[step:] - rows.t[:-step])[:, None]
+    elapsed = rows.t[step:] - rows.t[:-step]
+    turned = (q[:-step].inv() * q[step:]).as_rotvec() / elapsed[:, None]
+    turned[elapsed > 1.5 * float(np.median(elapsed))] = 0.0  # across a gap, as between poses at rest
     moving = np.linalg.norm(turned, axis=1)
     if moving.max() < 0.05:
         return []
