@@ -119,7 +119,7 @@ def test_healthy_sensors_are_not_accused(good: Path, again: Path) -> None:
 
 def test_each_run_is_predicted_from_the_others_alone(good: Path, again: Path) -> None:
     facts = gathered(good, again)
-    assert not any(finding.evidence.get("kind") == "body" for finding in facts.found)  # their sensors differ by the seed
+    assert not any(finding.evidence.get("kind") == "body" for finding in facts.found)
     config = reader.config_of(facts.robot, "test")
     others = fit.joint(config, [reader.read(again)])
     alone = fit.validate(config, others, reader.read(good))
