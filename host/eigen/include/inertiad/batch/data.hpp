@@ -46,8 +46,8 @@ struct BatchBody {
 /// How well a run agrees.
 struct BatchFit {
     std::size_t n_rows, n_windows, n_rest;
-    Vector6 rms;        ///< of the windows' residual, N, N m
-    Vector6 noise_std;  ///< root of the diagonal of V_run
+    Vector6 rms;              ///< of the windows' residual, N, N m
+    Vector6 noise_std;        ///< root of the diagonal of V_run
     double correlation_time;  ///< s: long-run variance over variance, in windows' steps; of the worst channel
     double n_lags;            ///< bandwidth of the long-run variance, windows
 };
@@ -55,26 +55,26 @@ struct BatchFit {
 /// What a stretch of a run contributes to the equations at the solution, scaled by prior sigmas.
 struct BatchBlock {
     int run;
-    double begin, end;      ///< s since the run's first row: middle of the first and the last window
+    double begin, end;  ///< s since the run's first row: middle of the first and the last window
     std::size_t n_windows;
-    Eigen::MatrixXd H;      ///< A^T A [n][n]
-    Eigen::VectorXd g;      ///< A^T b [n]
+    Eigen::MatrixXd H;  ///< A^T A [n][n]
+    Eigen::VectorXd g;  ///< A^T b [n]
 };
 
 struct BatchResult {
-    std::vector<BatchBody> body;  ///< by group
-    std::vector<BatchFit> fit;    ///< by run
-    Eigen::VectorXd xi;           ///< corrections to the configured calibration
-    Eigen::VectorXd xi_std;       ///< published
-    Eigen::MatrixXd P;            ///< published covariance of all theta (about the IMU), the free xi, the attachments
-    Eigen::VectorXd prior_std;    ///< of the same unknowns
-    std::vector<int> free;        ///< indices of the free xi
+    std::vector<BatchBody> body;    ///< by group
+    std::vector<BatchFit> fit;      ///< by run
+    Eigen::VectorXd xi;             ///< corrections to the configured calibration
+    Eigen::VectorXd xi_std;         ///< published
+    Eigen::MatrixXd P;              ///< published covariance of all theta (about the IMU), the free xi, the attachments
+    Eigen::VectorXd prior_std;      ///< of the same unknowns
+    std::vector<int> free;          ///< indices of the free xi
     std::vector<BatchBlock> block;  ///< all windows, in order
-    Eigen::MatrixXd H_prior;      ///< of priors, known mass differences and gyro means; scaled as the blocks
+    Eigen::MatrixXd H_prior;        ///< of priors, known mass differences and gyro means; scaled as the blocks
     int n_steps;
-    double last_step;             ///< largest change of the next step in posterior sigmas
+    double last_step;               ///< largest change of the next step in posterior sigmas
     bool is_converged;
-    std::string refused;          ///< why the last trial step was refused by the configuration's ranges; empty: it was not
+    std::string refused;  ///< why the last trial step was refused by the configuration's ranges; empty: it was not
 };
 
 }  // namespace inertiad

@@ -12,9 +12,9 @@
 
 namespace inertiad::detail {
 
-constexpr double CONVERGED = 1e-3;       // posterior sigmas: chosen so that the next step is invisible in what is published
-constexpr double TOLERATED = 0.05;       // posterior sigmas: where steps no longer get shorter, as the two digits of a sigma
-constexpr int PATIENCE = 4;              // steps that may fail to halve the shortest one
+constexpr double CONVERGED = 1e-3;  // posterior sigmas: chosen so that the next step is invisible in what is published
+constexpr double TOLERATED = 0.05;  // posterior sigmas: where steps no longer get shorter, as the two digits of a sigma
+constexpr int PATIENCE = 4;         // steps that may fail to halve the shortest one
 constexpr double WEIGHT_SETTLED = 0.02;  // relative change of V_run's standard deviations
 constexpr int WEIGHT_STEPS_MAX = 8;
 constexpr double DAMPING_FIRST = 1e-3, DAMPING_LEAST = 1e-7, DAMPING_MAX = 1e8;

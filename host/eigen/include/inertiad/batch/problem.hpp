@@ -241,12 +241,12 @@ struct Problem {
     /// The equations of all runs at the present point.
     struct Pass {
         explicit Pass(Eigen::Index n) : weighted(n), renewed(n) {}
-        Triangle weighted;               ///< under the weights as they are
-        Triangle renewed;                ///< under V, learnt from the residuals at this point
+        Triangle weighted;  ///< under the weights as they are
+        Triangle renewed;   ///< under V, learnt from the residuals at this point
         std::vector<Square6> V;
         std::vector<BatchFit> fit;
         std::vector<ipe_eiv_correction_t> eiv_correction;
-        double weight_change = 0.0;      ///< largest relative change of a standard deviation, weights to V
+        double weight_change = 0.0;  ///< largest relative change of a standard deviation, weights to V
     };
 
     /// Throws std::invalid_argument where the calibration leaves its ranges, std::domain_error where a cable vanishes.
@@ -377,7 +377,8 @@ struct Problem {
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
     std::vector<ipe_eiv_correction_t> eiv_correction;  ///< of the runs' regressors
-    double n_observed = 0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
+    double n_observed =
+        0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };
