@@ -30,6 +30,8 @@ UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/
 BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
 ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.cpp)))
 
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' host/inertiad/pyproject.toml)
+
 # No -ffast-math and no contraction: the same log gives the same bytes on every machine.
 OPT ?= -O2 -g
 FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MD -MP
@@ -113,9 +115,18 @@ demo: build
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
+TESTED := build unit-programs accept-programs
+PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(shell nproc))
+
 ## Run every test; ends with one line: N passed, N failed, N skipped
-test: .venv/test.stamp build unit-programs micro asan-programs accept-programs vcan-runs
+test: .venv/test.stamp
+	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED) micro vcan-runs asan-programs
 	@$(PY) tools/test unit laws host vcan asan
+
+## Run the quick tests: unit, laws, and those of the host that are not marked slow
+test-quick: .venv/test.stamp
+	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED)
+	@$(PY) tools/test --quick unit laws host
 
 ## Test the stages of the core (Unity)
 test-unit: unit-programs micro
@@ -142,7 +153,7 @@ test-asan: asan-programs
 	@$(PY) tools/test asan
 
 unit-programs: $(UNIT)
-asan-programs:
+asan-programs: $(UNITY_DIR)/unity.c | $(GEN)
 	@$(MAKE) --no-print-directory B=build/asan OPT='-O1 -g' \
 	    SANITIZE='-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer' unit-programs
 
@@ -202,6 +213,18 @@ build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/li
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
 
+SEEDS ?= $(or $(SEED),1)
+## Judge both programs by an independent simulation of real set-ups (under 15 min; T="=pushed", SEEDS=1-5, JOBS=2)
+strangers: .venv/test.stamp build $(B)/stranger/native.so
+	$(Q)$(PY) test/stranger/stranger.py $(T) --seeds $(SEEDS) --jobs $(or $(JOBS),2)
+$(B)/stranger/native.so: $(wildcard test/stranger/*.c)
+	@mkdir -p $(@D)
+	$(call say,cc  $@)$(CC) -std=gnu11 -O2 -ffp-contract=off -fPIC -Wall -Wextra -Wconversion -shared $^ -lm -o $@
+
+## Rewrite the type stubs of the Python bindings from what they export
+stubs: build
+	$(Q)$(PY) tools/stubs.py
+
 # ---- habits ---------------------------------------------------------------------------------------------------------
 
 C_FILES = $(shell find firmware host test -name '*.[ch]' -o -name '*.[ch]pp')
@@ -240,6 +263,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build micro demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) \
-    format format-check lint check size clean clean-all
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

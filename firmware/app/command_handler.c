@@ -113,7 +113,8 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
     }
     return answer(true, "%s changed; %s%s%s", text,
                   difference == IPE_CONFIG_DIFF_LEARNT_HOLDS ? "the learnt state stays" : "starting from the prior",
-                  rejecting == NULL ? "" : "; frames with the new identifiers are not received on ", rejecting == NULL ? "" : rejecting);
+                  rejecting == NULL ? "" : "; frames with the new identifiers are not received on ",
+                  rejecting == NULL ? "" : rejecting);
 }
 
 static answer_t mark(const char* text)

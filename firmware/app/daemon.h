@@ -17,7 +17,6 @@
 #include "counters.h"
 #include "host_clock.h"
 #include "inbox.h"
-#include "lateness.h"
 #include "notify.h"
 #include "options.h"
 #include "pipeline.h"
@@ -82,13 +81,13 @@ typedef struct {
     ipe_bus_state_t bus_state[IPE_BUSES_MAX];
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
+    loss_t late[IPE_SENSOR_COUNT];           ///< samples too late for the rows
     ipe_presence_t presence[IPE_SENSOR_COUNT];
-    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
-    int64_t presence_due_ns;      ///< data time of the next check of the sensors
-    ipe_host_facts_t facts;       ///< read at the start
-    int n_facts_ticks;            ///< until HOST is sent again
-    int n_ticks;                  ///< since the last checkpoint
-    uint64_t n_changes_reported;  ///< payload changes
+    int64_t presence_due_ns;                 ///< data time of the next check of the sensors
+    ipe_host_facts_t facts;                  ///< read at the start
+    int n_facts_ticks;                       ///< until HOST is sent again
+    int n_ticks;                             ///< since the last checkpoint
+    uint64_t n_changes_reported;             ///< payload changes
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];
 } daemon_t;

@@ -12,9 +12,7 @@ static void publish_row(daemon_t* d, const ipe_row_t* row, int64_t arrival_ns)
     d->last_row_ns = row->t_ns;
     ipe_rest_detector_push(&d->rest, row);
     const bool is_sent = ipe_publish_row(&d->publisher, row, &d->pipeline->estimator.estimate, health_dropped(d));
-    if (is_sent && arrival_ns != 0) {
-        ipe_histogram_push(&d->estimated, ipe_host_clock_now(&d->clock) - arrival_ns);
-    }
+    if (is_sent && arrival_ns != 0) { ipe_histogram_push(&d->estimated, ipe_host_clock_now(&d->clock) - arrival_ns); }
 }
 
 static void step(daemon_t* d, int64_t arrival_ns)
@@ -40,7 +38,6 @@ void data_path_position(daemon_t* d, int64_t t_ns, const double position[3], int
     ipe_publish_order(&d->publisher, INERTIAD_LCM_ORDER_ITEM_T_POSITION, t_ns, position);
     (void)ipe_pipeline_push_position(d->pipeline, t_ns, position);  // a refused position is counted there
     step(d, arrival_ns);
-    monitor_position(d);
 }
 
 void data_path_flush(daemon_t* d)

@@ -5,6 +5,7 @@
 #include "message.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 
 static const uint64_t NS_PER_US = 1000;
@@ -46,7 +47,7 @@ void health_count_input(daemon_t* d)
         ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "silences", d->presence[s].n_lost);
         if (s == IPE_IMU) { continue; }
         ipe_counters_add(&d->counters, health_sensor_name((ipe_sensor_t)s), "lateness_max_us",
-                         (uint64_t)d->lateness[s].worst_ns / NS_PER_US);
+                         (uint64_t)ipe_align_lateness(&d->pipeline->align, (ipe_sensor_t)s).largest_ns / NS_PER_US);
     }
 }
 
@@ -162,16 +163,20 @@ static void print_latency(const char* name, const ipe_histogram_t* h)
 
 void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text, size_t size)
 {
-    const ipe_lateness_t* l = &d->lateness[sensor];
-    const double advice = ipe_lateness_advice(l);
-    const int n = snprintf(text, size, "samples arrive up to %.2f s late; rows wait %.2f s: ",
-                           (double)l->worst_ns / (double)NS_PER_S, d->config.max_wait);
-    if (n < 0 || (size_t)n >= size) { return; }
-    if (advice <= IPE_MAX_WAIT) {
-        (void)snprintf(text + n, size - (size_t)n, "raise align.max_wait to at least %.2f", advice);
+    const double rate = d->config.sample_rate, step = 0.05;  // s, of the advice
+    const double late = (double)ipe_align_lateness(&d->pipeline->align, sensor).largest_ns / (double)NS_PER_S;
+    const double advice = step * ceil(late / step);
+    const double limit = rate > 0.0 ? fmin(IPE_MAX_WAIT, IPE_WAIT_MAX / rate) : IPE_MAX_WAIT;
+    if (advice <= limit) {
+        (void)snprintf(text, size,
+                       "samples arrive up to %.3f s late; rows wait %g s: raise align.max_wait to at least %.2f", late,
+                       d->config.max_wait, advice);
     } else {
-        (void)snprintf(text + n, size - (size_t)n, "align.max_wait can be at most %g; deliver the samples sooner",
-                       IPE_MAX_WAIT);
+        (void)snprintf(
+            text, size,
+            "samples arrive up to %.3f s late; rows wait %g s, and align.max_wait can be at most %g: deliver the "
+            "samples sooner",
+            late, d->config.max_wait, limit);
     }
 }
 
@@ -182,7 +187,7 @@ void health_print(const daemon_t* d)
     print_latency("decoded", &d->decoded);
     print_latency("estimate", &d->estimated);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
-        if (d->lateness[s].needed_ns == 0) { continue; }
+        if (ipe_align_lateness(&d->pipeline->align, (ipe_sensor_t)s).n_too_late == 0) { continue; }
         health_describe_lateness(d, (ipe_sensor_t)s, text, sizeof text);
         ipe_message("%s: %s", health_sensor_name((ipe_sensor_t)s), text);
     }

@@ -42,7 +42,7 @@ static void read_error_frame(daemon_t* d, const ipe_frame_t* frame)
     const char* news = ipe_bus_state_push(&d->bus_state[frame->bus], frame);
     if (news == NULL || ++d->n_state_events[frame->bus] > STATE_EVENTS_MAX) { return; }
     report(d, health_bus_name(d, frame->bus), "%s%s", news,
-         d->n_state_events[frame->bus] == STATE_EVENTS_MAX ? "; more within this second are only counted" : "");
+           d->n_state_events[frame->bus] == STATE_EVENTS_MAX ? "; more within this second are only counted" : "");
 }
 
 // ---- losses -------------------------------------------------------------------------------------------------------
@@ -52,7 +52,7 @@ typedef enum { LOSS_SAME, LOSS_BEGAN, LOSS_ENDED } loss_change_t;
 /// n lost so far: did the loss begin since the last call, or end?
 static loss_change_t update_loss(loss_t* l, uint64_t n)
 {
-    const bool is_losing = n != l->n_last;
+    const bool is_losing = n > l->n_last;  // fewer: another pipeline took over
     const bool was_losing = l->is_losing;
     if (is_losing && !was_losing) { l->n_before = l->n_last; }
     l->n_last = n;
@@ -66,11 +66,13 @@ static void report_bus_loss(daemon_t* d, unsigned i)
     loss_t* l = &d->bus_loss[i];
     switch (update_loss(l, n->n_dropped + n->n_controller_overruns)) {
     case LOSS_BEGAN:
-        report(d, health_bus_name(d, i), "frames are being lost: %" PRIu64 " by the %s, %" PRIu64 " times in the controller",
-             n->n_dropped, d->n_interfaces > 0 ? "kernel" : "logger", n->n_controller_overruns);
+        report(d, health_bus_name(d, i),
+               "frames are being lost: %" PRIu64 " by the %s, %" PRIu64 " times in the controller", n->n_dropped,
+               d->n_interfaces > 0 ? "kernel" : "logger", n->n_controller_overruns);
         break;
     case LOSS_ENDED:
-        report(d, health_bus_name(d, i), "no more frames are being lost; %" PRIu64 " were lost", l->n_last - l->n_before);
+        report(d, health_bus_name(d, i), "no more frames are being lost; %" PRIu64 " were lost",
+               l->n_last - l->n_before);
         break;
     case LOSS_SAME:
     default: break;
@@ -85,7 +87,7 @@ static void report_record(daemon_t* d)
         report(d, "record", "messages are being lost: %s", cause != 0 ? strerror(cause) : "the queue is full");
     } else if (change == LOSS_ENDED) {
         report(d, "record", "no more messages are being lost; %" PRIu64 " were lost",
-             d->record_loss.n_last - d->record_loss.n_before);
+               d->record_loss.n_last - d->record_loss.n_before);
     }
 }
 
@@ -96,7 +98,8 @@ static void report_lcm(daemon_t* d)
     if (change == LOSS_BEGAN) {
         report(d, "lcm", "messages cannot be sent");
     } else if (change == LOSS_ENDED) {
-        report(d, "lcm", "messages are sent again; %" PRIu64 " were not sent", d->lcm_loss.n_last - d->lcm_loss.n_before);
+        report(d, "lcm", "messages are sent again; %" PRIu64 " were not sent",
+               d->lcm_loss.n_last - d->lcm_loss.n_before);
     }
 }
 
@@ -113,7 +116,7 @@ void monitor_clock(daemon_t* d)
 {
     if (!ipe_host_clock_refresh(&d->clock)) { return; }
     report(d, "clock", "the host's clock was stepped by %+.6f s; stamps go on without a jump",
-         (double)d->clock.step_ns / (double)NS_PER_S);
+           (double)d->clock.step_ns / (double)NS_PER_S);
 }
 
 static void report_presence(daemon_t* d, int64_t now_ns)
@@ -125,8 +128,8 @@ static void report_presence(daemon_t* d, int64_t now_ns)
         const ipe_presence_change_t change = ipe_presence_look(p, d->pipeline->align.n_samples[s], newest_ns, now_ns);
         if (change == IPE_PRESENCE_SAME) { continue; }
         report(d, health_sensor_name((ipe_sensor_t)s),
-             change == IPE_PRESENCE_LOST ? "lost, silent for %.2f s" : "back after %.2f s",
-             (double)p->silence_ns / (double)NS_PER_S);
+               change == IPE_PRESENCE_LOST ? "lost, silent for %.2f s" : "back after %.2f s",
+               (double)p->silence_ns / (double)NS_PER_S);
     }
 }
 
@@ -147,24 +150,20 @@ static void check_sensors(daemon_t* d, int64_t now_ns)
     report_presence(d, now_ns);
 }
 
-static void measure_lateness(daemon_t* d, ipe_sensor_t sensor)
-{
-    ipe_lateness_push(&d->lateness[sensor], d->pipeline->align.n_samples[sensor], daemon_newest_sample(d, sensor),
-                      daemon_newest_sample(d, IPE_IMU));
-}
-
 static void report_lateness(daemon_t* d, ipe_sensor_t sensor)
 {
     char text[REASON_SIZE];
-    const ipe_align_t* a = &d->pipeline->align;
-    const uint64_t n_lost = a->n_late[sensor] + (sensor == IPE_POSITION ? a->n_carried : 0);
-    switch (ipe_lateness_look(&d->lateness[sensor], n_lost, a->max_wait_ns)) {
-    case IPE_LATENESS_BEGAN:
+    loss_t* l = &d->late[sensor];
+    switch (update_loss(l, ipe_align_lateness(&d->pipeline->align, sensor).n_too_late)) {
+    case LOSS_BEGAN:
         health_describe_lateness(d, sensor, text, sizeof text);
         report(d, health_sensor_name(sensor), "%s", text);
         break;
-    case IPE_LATENESS_ENDED: report(d, health_sensor_name(sensor), "in time again"); break;
-    case IPE_LATENESS_SAME:
+    case LOSS_ENDED:
+        report(d, health_sensor_name(sensor), "in time again; %" PRIu64 " samples were too late",
+               l->n_last - l->n_before);
+        break;
+    case LOSS_SAME:
     default: break;
     }
 }
@@ -194,15 +193,8 @@ void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
     report_change(d);
-    measure_lateness(d, IPE_FORCE);
-    measure_lateness(d, IPE_POSITION);
     check_second(d, frame->t_ns);
     check_sensors(d, frame->t_ns);
-}
-
-void monitor_position(daemon_t* d)
-{
-    measure_lateness(d, IPE_POSITION);
 }
 
 // ---- by real time ---------------------------------------------------------------------------------------------------

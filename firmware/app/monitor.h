@@ -13,9 +13,6 @@ void monitor_interface(daemon_t* d, unsigned i);
 /// whether every sensor is present, once a second whether it is late, and send HEALTH.
 void monitor_frame(daemon_t* d, const ipe_frame_t* frame);
 
-/// After a position was used: measure its lateness.
-void monitor_position(daemon_t* d);
-
 /// Read the clocks, before stamps are mapped; report if the host's clock was stepped.
 void monitor_clock(daemon_t* d);
 

@@ -26,7 +26,7 @@ void ipe_align_init(ipe_align_t* a, const ipe_config_t* config)
     a->position_source = config->position_source;
     memcpy(a->fixed_position, config->fixed_position, sizeof a->fixed_position);
     a->max_wait_ns = to_ns(config->max_wait);
-    ipe_dead_reckoning_init(&a->dead_reckoning, config);
+    a->position_seen = UINT64_MAX;
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
         a->max_age_ns[s] = to_ns(config->max_age[s]);
         a->delay_ns[s] = to_ns(config->delay[s]);
@@ -59,6 +59,22 @@ static bool read_attitude(const ipe_align_t* a, const double* value, double q[4]
     const double norm = sqrt(value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]);
     for (int i = 0; i < 4; ++i) { q[i] = value[i] / norm; }
     return fabs(norm - 1.0) < QUATERNION_TOLERANCE;
+}
+
+/// Count how late a sample of this instant comes.
+static void note_lateness(ipe_align_t* a, ipe_sensor_t sensor, int64_t instant)
+{
+    const ipe_ring_t* imu = &a->ring[IPE_IMU];
+    ipe_lateness_t* of = &a->lateness[sensor];
+    if (sensor == IPE_IMU || timed(imu) == imu->first) { return; }
+    const int64_t late_ns = stamp(imu, timed(imu) - 1) - instant;
+    if (late_ns > of->largest_ns) { of->largest_ns = late_ns; }
+    of->n_too_late += a->row_ns != 0 && instant < a->row_ns;
+}
+
+ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor)
+{
+    return a->lateness[sensor];
 }
 
 static void store(ipe_align_t* a, ipe_sensor_t sensor, uint64_t place, const double* value, const double q[4])
@@ -112,6 +128,7 @@ static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
     if (i == ring->first || t_ns > stamp(ring, i - 1)) { return IPE_OK; }
     if (stamp(ring, i - 1) - t_ns > RESTART_NS) {
         ++a->n_restarts[sensor];
+        if (sensor == IPE_IMU) { a->row_ns = 0; }
         ring->first = ring->cursor = ring->head;
         return IPE_OK;
     }
@@ -159,6 +176,7 @@ ipe_status_t ipe_align_push(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
     store(a, sensor, place, value, q);
     a->ring[sensor].t_ns[place % IPE_RING] = instant;
     ++a->n_samples[sensor];
+    note_lateness(a, sensor, instant);
     return IPE_OK;
 }
 
@@ -202,6 +220,7 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
             }
             ring->t_ns[i % IPE_RING] = instant;
             ++a->n_samples[sensor];
+            note_lateness(a, sensor, instant);
         }
         copy_sample(a, sensor, i, place);
         ++ring->head;
@@ -209,7 +228,7 @@ void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t*
     if (t_ns == NULL) { ring->n_held = (unsigned)n; }
 }
 
-typedef enum { FOUND, CARRIED, WAIT, GAP, LATE } search_t;
+typedef enum { FOUND, WAIT, GAP, LATE } search_t;
 
 /// Period of a sensor by its last two samples, at most max_age, which it is taken for before there are two.
 static int64_t period(const ipe_align_t* a, ipe_sensor_t sensor)
@@ -298,33 +317,28 @@ static void interpolate(const ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns,
     }
 }
 
-/// What the IMU sample at the cursor and the forces there make of a row.
-static void fill_row(ipe_align_t* a, int64_t t_ns, ipe_row_t* row)
+/// The row of the IMU sample at the cursor.
+static void fill_row(ipe_align_t* a, int64_t t_ns, search_t force, search_t position, ipe_row_t* row)
 {
     const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
+    memset(row, 0, sizeof *row);
     row->t_ns = t_ns;
     memcpy(row->acc, imu, sizeof row->acc);
     memcpy(row->gyro, imu + 3, sizeof row->gyro);
     memcpy(row->q, imu + 6, sizeof row->q);
-    memset(row->f, 0, sizeof row->f);
-    interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
-}
-
-/// Position of the row at t_ns: fixed, interpolated, or else carried on from those before.
-static search_t find_position(ipe_align_t* a, int64_t t_ns, search_t found, double position[3])
-{
-    if (a->position_source == IPE_POSITION_FIXED) {
-        memcpy(position, a->fixed_position, sizeof a->fixed_position);
-        return FOUND;
+    row->has_force = force == FOUND;
+    row->has_position = position == FOUND;
+    if (row->has_force) {
+        interpolate(a, IPE_FORCE, t_ns, &a->force[0][0], IPE_CABLES_MAX, (size_t)a->n_cables, row->f);
     }
-    const double* imu = a->imu[a->ring[IPE_IMU].cursor % IPE_RING];
-    ipe_dead_reckoning_advance(&a->dead_reckoning, t_ns, imu, imu + 6);
-    if (found == FOUND) {
-        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, position);
-        ipe_dead_reckoning_learn(&a->dead_reckoning, a->ring[IPE_POSITION].cursor, position);
-        return FOUND;
+    if (row->has_position && a->position_source == IPE_POSITION_FIXED) {
+        memcpy(row->position, a->fixed_position, sizeof a->fixed_position);
+    } else if (row->has_position) {
+        const uint64_t sample = a->ring[IPE_POSITION].cursor;
+        interpolate(a, IPE_POSITION, t_ns, &a->position[0][0], 3, 3, row->position);
+        row->is_position_new = sample != a->position_seen;
+        a->position_seen = sample;
     }
-    return ipe_dead_reckoning_read(&a->dead_reckoning, position) ? CARRIED : found;
 }
 
 static void count(ipe_align_t* a, ipe_sensor_t sensor, search_t found)
@@ -340,20 +354,15 @@ ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row)
         const int64_t t_ns = stamp(imu, imu->cursor);
         const search_t force = search(a, IPE_FORCE, t_ns);
         const bool is_fixed = a->position_source == IPE_POSITION_FIXED;
-        search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns);
+        const search_t position = is_fixed ? FOUND : search(a, IPE_POSITION, t_ns);
         if (force == WAIT || position == WAIT) { return IPE_NOT_READY; }
-        position = find_position(a, t_ns, position, row->position);
-        if (force == FOUND) { fill_row(a, t_ns, row); }
+        fill_row(a, t_ns, force, position, row);
+        count(a, IPE_FORCE, force);
+        count(a, IPE_POSITION, position);
         ++imu->cursor;
-        if (force != FOUND) {
-            count(a, IPE_FORCE, force);
-        } else if (position != FOUND && position != CARRIED) {
-            count(a, IPE_POSITION, position);
-        } else {
-            ++a->n_rows;
-            a->n_carried += position == CARRIED;
-            return IPE_OK;
-        }
+        a->row_ns = t_ns;
+        ++a->n_rows;
+        return IPE_OK;
     }
     return IPE_NOT_READY;
 }

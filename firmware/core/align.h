@@ -5,16 +5,15 @@
 /// late, and two periods of that sensor. They are interpolated at the row's instant by a cubic through the neighbours
 /// (Hermite, tangents by finite differences), never across a gap longer than max_age. A sensor that is constantly late by less
 /// than max_wait therefore gives the same rows as one on time, as long as max_wait is at most IPE_WAIT_MAX IMU samples
-/// (ipe_config_check). A position that did not come is extrapolated from those before (dead_reckoning.h). A row that
-/// lacks a quantity is dropped and counted by cause: a row is complete or it does not exist.
+/// (ipe_config_check). Every IMU sample becomes a row; force or position that did not come leave it without them (has_force,
+/// has_position), counted by cause.
 /// A sample may come up to 8 samples late within its own stream if no row has used its neighbours yet. Samples whose instant
 /// is not known yet are held in the ring; rows wait for them as for samples that have not come.
-/// 327 KB of state (27 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
+/// 329 KB of state (31 KB in the micro profile), O(1) per sample, one thread. The result depends on the samples and their
 /// stamps, not on when they were pushed, as long as no row waits longer than it may.
 #ifndef IPE_ALIGN_H
 #define IPE_ALIGN_H
 
-#include "dead_reckoning.h"
 #include "config.h"
 #include "sample_assembler.h"
 #include "sample_timing.h"
@@ -29,6 +28,12 @@ typedef struct {
     uint64_t cursor;  ///< imu: next row; force, position: the sample at or before the last row
 } ipe_ring_t;
 
+/// How late the samples of a sensor come, in data time: behind the newest IMU sample whose instant is known.
+typedef struct {
+    int64_t largest_ns;   ///< largest lateness of a sample taken in
+    uint64_t n_too_late;  ///< samples that came after rows past their instant had gone on without them
+} ipe_lateness_t;
+
 typedef struct {
     int n_cables;
     bool has_rpy;
@@ -41,7 +46,9 @@ typedef struct {
     double imu[IPE_RING][10];  ///< acc 3, gyro 3, q 4
     double force[IPE_RING][IPE_CABLES_MAX];
     double position[IPE_RING][3];
-    ipe_dead_reckoning_t dead_reckoning;
+    ipe_lateness_t lateness[IPE_SENSOR_COUNT];
+    int64_t row_ns;          ///< instant of the last row; 0: none yet
+    uint64_t position_seen;  ///< the tracker sample at or before the last row that has a position
 
     uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
     uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
@@ -50,11 +57,10 @@ typedef struct {
     uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< stamps stepped back by over a second: started again
     uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< refused: a value is NaN or Inf
     uint64_t n_bad_quaternion;               ///< IMU samples refused: quaternion's length not 1 +- 0.1
-    uint64_t n_rows;                         ///< IMU samples that became rows,
-    uint64_t n_carried;                      ///< of these: position carried through a gap
+    uint64_t n_rows;                         ///< IMU samples that became rows
     uint64_t n_overrun;                      ///< IMU samples lost: ring full while waiting
-    uint64_t n_missing[IPE_SENSOR_COUNT];    ///< IMU samples dropped: this sensor had a gap there
-    uint64_t n_late[IPE_SENSOR_COUNT];       ///< IMU samples dropped: this sensor did not come within max_wait
+    uint64_t n_missing[IPE_SENSOR_COUNT];    ///< rows without this sensor: it had a gap there
+    uint64_t n_late[IPE_SENSOR_COUNT];       ///< rows without this sensor: it did not come within max_wait
 } ipe_align_t;
 
 void ipe_align_init(ipe_align_t* a, const ipe_config_t* config);
@@ -71,7 +77,10 @@ ipe_status_t ipe_align_hold(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, c
 /// The newest n samples held were taken at host times t_ns [n], oldest first; older ones are dropped.
 void ipe_align_settle(ipe_align_t* a, ipe_sensor_t sensor, int n, const int64_t* t_ns);
 
-/// The next row, if its sensors are all there. IPE_OK or IPE_NOT_READY; dropped rows are skipped and counted.
+/// The next row, once its sensors are there or are not waited for any longer. IPE_OK or IPE_NOT_READY.
 ipe_status_t ipe_align_pop(ipe_align_t* a, ipe_row_t* row);
+
+/// Lateness of a sensor since the start. If n_too_late is not 0, max_wait (s) has to be raised over largest_ns.
+ipe_lateness_t ipe_align_lateness(const ipe_align_t* a, ipe_sensor_t sensor);
 
 #endif

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #define TWO_PI 6.283185307179586
+#define QUARTER_TURN (0.25 * TWO_PI)
 
 static ipe_status_t point_line(const ipe_cable_t* cable, const double d[3], ipe_cable_line_t* line)
 {
@@ -52,6 +53,13 @@ ipe_status_t ipe_cable_line(const ipe_cable_t* cable, const double B[3], ipe_cab
 void ipe_cable_sag(const ipe_cable_t* cable, const ipe_cable_line_t* line, double force[3])
 {
     const double half_weight = 0.5 * cable->weight_per_length * line->free;
-    for (int i = 0; i < 3; ++i) { force[i] = half_weight * line->u[2] * line->u[i]; }
+    const double along = (cable->force_at == IPE_FORCE_AT_WINCH ? -half_weight : half_weight) * line->u[2];
+    for (int i = 0; i < 3; ++i) { force[i] = along * line->u[i]; }
     force[2] -= half_weight;
+}
+
+double ipe_cable_friction_share(const ipe_cable_t* cable, const ipe_cable_line_t* line)
+{
+    const bool is_behind = cable->force_at == IPE_FORCE_AT_WINCH && cable->pulley_radius > 0.0;
+    return is_behind ? line->wrap / QUARTER_TURN : 1.0;
 }

@@ -9,7 +9,8 @@
 ///   D = A + r ((1 - cos b) e + sin b k)                                             leave point
 ///   u = (D - B)/L,  l = r b + L,  dl/dB = -u                                        direction, length
 /// Cable weight w per length bends the cable; its platform end carries, beside the tension along u, half the weight
-/// across it: (w L/2)(-z + (z.u) u).  Source: firmware/DESIGN.md, "Cables".
+/// across it: (w L/2)(-z + (z.u) u). Where the force sensor sits at the winch, the tension it measures is larger than the
+/// platform's by the weight of the free cable along u, w L z.u.  Source: firmware/DESIGN.md, "Cables".
 #ifndef IPE_CABLE_H
 #define IPE_CABLE_H
 
@@ -30,7 +31,11 @@ typedef struct {
 /// on the anchor; line untouched. About 40 ns.
 ipe_status_t ipe_cable_line(const ipe_cable_t* cable, const double B[3], ipe_cable_line_t* line);
 
-/// Force of the cable's own weight on the platform across the line, W, N.
+/// Force of the cable's own weight on the platform beside the measured tension along u, W, N.
 void ipe_cable_sag(const ipe_cable_t* cable, const ipe_cable_line_t* line, double force[3]);
+
+/// Share of a pulley's friction that a cable's wrap makes: in quarter turns, since rope on a pulley loses tension in
+/// proportion to its wrap (capstan). 1 where the force sensor does not lie behind a pulley of known radius.
+double ipe_cable_friction_share(const ipe_cable_t* cable, const ipe_cable_line_t* line);
 
 #endif

@@ -70,6 +70,7 @@ static void check_cable(check_t* c, const ipe_cable_t* cable, int i)
     check_range(c, "cable.weight_per_length", i, cable->weight_per_length, 0.0, 1e4, "N/m");
     check_range(c, "cable.tension_min", i, cable->tension_min, 0.0, 1e7, "N");
     check_range(c, "cable.tension_max", i, cable->tension_max, cable->tension_min, 1e8, "N");
+    check_range(c, "cable.force_at", i, cable->force_at, IPE_FORCE_AT_PLATFORM, IPE_FORCE_AT_WINCH, "");
 }
 
 /// Last bit of a Motorola signal counted from the frame's first, most significant bit; Intel: from the least.
@@ -125,12 +126,24 @@ static void check_std(check_t* c, const ipe_config_t* k)
         const char* field;
         double value;
     } std[] = {
-        {"std_acc_bias", k->std_acc_bias},           {"std_gyro_bias", k->std_gyro_bias},
-        {"std_attitude", k->std_attitude},           {"std_world_yaw", k->std_world_yaw},
-        {"std_imu_alignment", k->std_imu_alignment}, {"std_imu_position", k->std_imu_position},
-        {"std_force_offset", k->std_force_offset},   {"std_force_gain", k->std_force_gain},
-        {"std_force_delay", k->std_force_delay},     {"std_position_delay", k->std_position_delay},
-        {"std_geometry", k->std_geometry},           {"std_attitude_wander", k->std_attitude_wander},
+        {"std_acc_bias", k->std_acc_bias},
+        {"std_gyro_bias", k->std_gyro_bias},
+        {"std_attitude", k->std_attitude},
+        {"std_world_yaw", k->std_world_yaw},
+        {"std_imu_alignment", k->std_imu_alignment},
+        {"std_imu_position", k->std_imu_position},
+        {"std_force_offset", k->std_force_offset},
+        {"std_force_gain", k->std_force_gain},
+        {"std_force_delay", k->std_force_delay},
+        {"std_position_delay", k->std_position_delay},
+        {"std_geometry", k->std_geometry},
+        {"std_attitude_wander", k->std_attitude_wander},
+        {"std_tracker_target", k->std_tracker_target},
+        {"std_attitude_delay", k->std_attitude_delay},
+        {"std_friction", k->std_friction},
+        {"std_force_offset_drift", k->std_force_offset_drift},
+        {"std_acc_scale", k->std_acc_scale},
+        {"std_gyro_scale", k->std_gyro_scale},
     };
     for (size_t i = 0; i < sizeof std / sizeof std[0]; ++i) {
         check_range(c, std[i].field, -1, std[i].value, 0.0, 1e6, "SI");
@@ -150,6 +163,9 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     check_all(c, "tracker_target", k->tracker_target, 3, -1e3, 1e3, "m");
     check_range(c, "sample_rate", -1, k->sample_rate, 0.0, 1e5, "Hz");
     check_range(c, "attitude_source", -1, k->attitude_source, IPE_ATTITUDE_QUATERNION, IPE_ATTITUDE_RPY, "");
+    check_range(c, "attitude_estimate", -1, k->attitude_estimate, IPE_ATTITUDE_AHRS,
+                k->position_source == IPE_POSITION_FIXED ? IPE_ATTITUDE_AHRS : IPE_ATTITUDE_FUSED,
+                "(fused needs a measured position)");
     check_range(c, "position_source", -1, k->position_source, IPE_POSITION_TRACKER, IPE_POSITION_CAN, "");
     check_all(c, "fixed_position", k->fixed_position, 3, -1e4, 1e4, "m");
     check_range(c, "n_signals", -1, k->n_signals, 1, IPE_SIGNALS_MAX, "");
@@ -163,6 +179,7 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
                 "samples, the buffers' capacity: lower max_wait");
     check_range(c, "max_carry", -1, k->max_carry, 0.0, 10.0, "s");
     check_all(c, "delay", k->delay, IPE_SENSOR_COUNT, -1.0, 1.0, "s");
+    check_range(c, "delay_attitude", -1, k->delay_attitude, -1.0, 1.0, "s");
     check_all(c, "acc_bias", k->acc_bias, 3, -20.0, 20.0, "m/s2");
     check_all(c, "gyro_bias", k->gyro_bias, 3, -1.0, 1.0, "rad/s");
     check_all(c, "attitude_bias", k->attitude_bias, 3, -1.0, 1.0, "rad");

@@ -22,7 +22,11 @@ typedef struct {
     double weight_per_length;  ///< N/m
     double tension_min;        ///< N
     double tension_max;        ///< N
+    int32_t force_at;          ///< ipe_force_at_t
 } ipe_cable_t;
+
+/// Where a cable's force sensor sits: at its platform's end, or behind the pulley at the winch.
+typedef enum { IPE_FORCE_AT_PLATFORM = 0, IPE_FORCE_AT_WINCH = 1 } ipe_force_at_t;
 
 typedef enum { IPE_INTEGER = 0, IPE_FLOAT32 = 1, IPE_FLOAT64 = 2 } ipe_signal_kind_t;
 
@@ -47,6 +51,8 @@ typedef struct {
 #define IPE_MAX_WAIT 10.0  // s, largest max_wait
 
 typedef enum { IPE_ATTITUDE_QUATERNION = 1, IPE_ATTITUDE_RPY = 2 } ipe_attitude_source_t;
+/// Whose attitude is used: the AHRS's, or the motion stage's own of gyro, accelerometer and tracked position.
+typedef enum { IPE_ATTITUDE_AHRS = 0, IPE_ATTITUDE_FUSED = 1 } ipe_attitude_estimate_t;
 typedef enum { IPE_POSITION_TRACKER = 0, IPE_POSITION_FIXED = 1, IPE_POSITION_CAN = 2 } ipe_position_source_t;
 
 typedef struct {
@@ -61,6 +67,7 @@ typedef struct {
     double sample_rate;         ///< Hz of the IMU, 0: measured
 
     int32_t attitude_source;    ///< ipe_attitude_source_t
+    int32_t attitude_estimate;  ///< ipe_attitude_estimate_t; fused needs a measured position
     int32_t position_source;    ///< ipe_position_source_t
     double fixed_position[3];   ///< of the tracked point, W, m
 
@@ -73,6 +80,7 @@ typedef struct {
     double max_age[IPE_SENSOR_COUNT];        ///< s between samples that interpolation may bridge
     double max_carry;                     ///< s that attitude and IMU carry the position through a gap; 0: not at all
     double delay[IPE_SENSOR_COUNT];       ///< s from the measured instant to its stamp
+    double delay_attitude;                ///< s the attitude lies behind the gyro of its sample
 
     double acc_bias[3], gyro_bias[3];     ///< I axes, m/s2, rad/s
     double attitude_bias[3];              ///< rad, P axes: true = measured exp(bias)
@@ -82,6 +90,7 @@ typedef struct {
 
     double std_acc_bias, std_gyro_bias, std_attitude, std_world_yaw, std_imu_alignment, std_imu_position;
     double std_force_offset, std_force_gain, std_force_delay, std_position_delay, std_geometry, std_attitude_wander;
+    double std_tracker_target, std_attitude_delay, std_friction, std_force_offset_drift, std_acc_scale, std_gyro_scale;
 
     double window_length;                        ///< s
     double memory;                               ///< s of excited time after which data count 1/e; 0: for ever

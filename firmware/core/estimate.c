@@ -17,6 +17,14 @@ static void add_geometry(const ipe_config_t* config, double std_geometry, double
     for (int i = 1; i < 4; ++i) { P[i][i] += std * std / config->n_cables; }
 }
 
+/// What all force sensors read too much, the whole wrench and with it theta is too much.
+static void add_common_gain(double std, const double theta[IPE_NP], double P[IPE_NP][IPE_NP])
+{
+    for (int i = 0; i < IPE_NP; ++i) {
+        for (int j = 0; j < IPE_NP; ++j) { P[i][j] += std * std * theta[i] * theta[j]; }
+    }
+}
+
 static void judge_observability(const ipe_body_t* prior, const ipe_body_t* body, bool observable[IPE_NP])
 {
     observable[0] = OBSERVABLE_SHARE * body->mass_std <= prior->mass_std;
@@ -47,6 +55,7 @@ ipe_status_t ipe_estimate_publish(const ipe_config_t* config, const ipe_solution
         return IPE_ERR_NONFINITE;
     }
     add_geometry(config, solution->std_geometry, e->theta[0], e->covariance);
+    add_common_gain(solution->std_common_gain, e->theta, e->covariance);
     if (ipe_body_from_theta(e->theta, (const double (*)[IPE_NP])e->covariance, &e->body) != IPE_OK || !is_finite(e)) {
         return IPE_ERR_NONFINITE;
     }

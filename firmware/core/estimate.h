@@ -4,7 +4,8 @@
 ///   1. take the spurious information of a noisy regressor out of theta and P          eiv_correction.h
 ///   2. shift both from the IMU to P                                                   body.h
 ///   3. project theta onto the parameters of bodies that can exist, in the metric of P  consistency.h
-///   4. add the uncertainty of the attachments' common place: P moves against them by std_geometry / sqrt(m)
+///   4. add the uncertainty of the attachments' common place: P moves against them by std_geometry / sqrt(m);
+///      and of the gain that all force sensors have in common, which scales theta: P += theta theta^T std^2
 ///   5. mass, CoG and inertia with their standard deviations; observable where the data halved the prior's
 /// The filter on the platform, the fit on the host and the planner's prediction call it. No state, any thread, 25 us.
 #ifndef IPE_ESTIMATE_H
@@ -21,19 +22,20 @@ typedef struct {
     double spurious[IPE_NP]
                    [IPE_NP];  ///< information that noise in the regressor pretends, ipe_eiv_correction_information()
     double std_geometry;      ///< m, of an attachment's place; 0: the solution contains it already
+    double std_common_gain;   ///< of the force sensors' mean gain; 0: the solution contains it already
 } ipe_solution_t;
 
 /// Estimated parameters of the platform. P: platform frame, C: centre of gravity; inertia xx yy zz yz xz xy, matrix entries.
 typedef struct {
-    int64_t t_ns;                          ///< middle of the last window used
-    uint64_t n_windows, n_rows;            ///< used so far
-    ipe_body_t body;                       ///< mass, CoG, inertia about C, with standard deviations
-    double theta[IPE_NP];                  ///< m, h, J about P
-    double covariance[IPE_NP][IPE_NP];     ///< of theta
-    int n_systematic;                      ///< systematic parameters of the filter, see systematic.h
-    double systematic[IPE_XI_FILTER_MAX];  ///< correction to the configured calibration
-    double systematic_std[IPE_XI_FILTER_MAX];
-    bool observable[IPE_NP];               ///< of m, cog, inertia_cog: sigma at most half the prior's
+    int64_t t_ns;                       ///< middle of the last window used
+    uint64_t n_windows, n_rows;         ///< used so far
+    ipe_body_t body;                    ///< mass, CoG, inertia about C, with standard deviations
+    double theta[IPE_NP];               ///< m, h, J about P
+    double covariance[IPE_NP][IPE_NP];  ///< of theta
+    int n_systematic;                   ///< systematic parameters, see systematic.h
+    double systematic[IPE_XI_MAX];      ///< correction to the configured calibration
+    double systematic_std[IPE_XI_MAX];
+    bool observable[IPE_NP];            ///< of m, cog, inertia_cog: sigma at most half the prior's
     bool consistent;     ///< physically consistent; false: theta and body are the nearest consistent ones
     double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
     double nis;          ///< normalised innovation squared of the last window

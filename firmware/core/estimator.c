@@ -11,8 +11,9 @@
 #define REST_WINDOWS 50  // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
 #define LEARNING_WINDOWS \
     50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
+#define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define PRIOR_INTERVAL \
-    50                   // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
+    50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
 
 ipe_status_t ipe_estimator_init(ipe_estimator_t* e, const ipe_config_t* config)
 {
@@ -44,19 +45,20 @@ void ipe_estimator_restart_windows(ipe_estimator_t* e)
     ipe_noise_restart(&e->noise);
 }
 
-void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
 {
-    ipe_filter_states_predict(&e->filter_states, config, t_ns, &e->rls);
+    ipe_filter_states_predict(&e->filter_states, config, average, &e->rls);
 }
 
-/// Equations y = H x + noise of one window; H [6][rls.n].
+/// Equations y = H x + noise of one window; X [6][xi] are the systematic columns, H [6][rls.n].
 static ipe_status_t build_equations(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
-                                    double* H)
+                                    double X[IPE_NY][IPE_XI_MAX], double* H)
 {
-    double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
+    double Y[IPE_NY][IPE_NP];
     ipe_regressor(average->s, average->ww, average->alpha, Y);
     if (ipe_systematic_columns(config, average, e->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
-    ipe_filter_states_rows(&e->filter_states, config, (const double (*)[IPE_NP])Y, (const double (*)[IPE_XI_MAX])X, H);
+    ipe_filter_states_rows(&e->filter_states, config, (const double (*)[3])average->R, (const double (*)[IPE_NP])Y,
+                           (const double (*)[IPE_XI_MAX])X, H);
     return IPE_OK;
 }
 
@@ -92,9 +94,9 @@ static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
 {
-    double H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], unused;
+    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], unused;
     const int n_rest = ipe_pose_dwell_push(&e->pose_dwell, config, average);
-    ipe_status_t status = build_equations(e, config, average, H);  // averages -> rows of the states
+    ipe_status_t status = build_equations(e, config, average, X, H);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
@@ -103,11 +105,13 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (verdict == IPE_CHANGE_DETECTOR_HOLD) { return IPE_NOT_READY; }
     if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_theta(e, config); }
     if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
-    ipe_filter_states_denoise_gain_columns(&e->filter_states, average->f, innovation, S, e->noise.L, H);
+    ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_XI_MAX])X, average->f, innovation,
+                                           (const double (*)[IPE_NY])S, (const double (*)[IPE_NY])e->noise.L, H);
     status = ipe_rls_update(&e->rls, H, average->y, e->noise.L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) { ipe_noise_push(&e->noise, innovation, S); }
+    if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
     return IPE_OK;
 }
 
@@ -119,16 +123,13 @@ void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config
     ipe_prior_at_imu(config, solution->prior_theta, solution->prior_covariance);
     ipe_eiv_correction_information(&e->eiv_correction, e->noise.L, ipe_noise_level(&e->noise), solution->spurious);
     solution->std_geometry = config->std_geometry;
+    solution->std_common_gain = ipe_filter_states_common_gain_std(config);
 }
 
 static void read_systematic(const ipe_estimator_t* e, const ipe_config_t* config, ipe_estimate_t* estimate)
 {
-    const int first = e->filter_states.layout.first[IPE_BLOCK_ATTITUDE];
-    estimate->n_systematic = ipe_systematic_filter_count(config->n_cables);
-    for (int i = 0; i < estimate->n_systematic; ++i) {
-        estimate->systematic[i] = e->rls.x[first + i];
-        estimate->systematic_std[i] = ipe_rls_std(&e->rls, first + i);
-    }
+    estimate->n_systematic = ipe_systematic_count(config->n_cables);
+    ipe_filter_states_systematic(&e->filter_states, config, &e->rls, estimate->systematic, estimate->systematic_std);
 }
 
 ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)

@@ -49,8 +49,8 @@ void ipe_estimator_reset(ipe_estimator_t* e, const ipe_config_t* config);
 /// Go on from an estimator of the same robot, sensors and priors, after a gap of unknown length.
 void ipe_estimator_continue(ipe_estimator_t* e, const ipe_estimator_t* from);
 
-/// Predict the states to the middle t_ns of the next window; before each ipe_estimator_update().
-void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
+/// Predict the states to the middle of the next window; before each ipe_estimator_update().
+void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average);
 
 /// Update the states with a window's equations.
 ///

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "pipeline.h"
 
+#include "cable_inertia.h"
+
 #include <assert.h>
 #include <stdio.h>
 #include <string.h>
@@ -21,6 +23,7 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
     }
     ipe_stuck_sensor_init(&p->stuck_sensor, &p->config);
     ipe_align_init(&p->align, &p->config);
+    ipe_motion_init(&p->motion, &p->config);
     ipe_wrench_init(&p->wrench, &p->config);
     ipe_window_init(&p->window, &p->config);
     if (ipe_estimator_init(&p->estimator, &p->config) != IPE_OK) {
@@ -95,6 +98,24 @@ static bool clocks_are_settled(const ipe_pipeline_t* p, int64_t t_ns)
     return true;
 }
 
+/// The next row with forces, and its motion, as ipe_motion_push() returns them. A position that it lacks is the estimated one.
+static ipe_status_t next_motion(ipe_pipeline_t* p, ipe_row_t* row, ipe_motion_t* motion)
+{
+    ipe_status_t status = IPE_OK;
+    do {
+        status = ipe_align_pop(&p->align, row);  // samples -> row
+        if (status != IPE_OK) { return status; }
+        if (clocks_are_settled(p, row->t_ns)) {
+            status = ipe_motion_push(&p->motion, row, motion);  // row -> motion of the platform
+        } else if (row->has_force) {
+            ++p->n_unsettled;
+            return IPE_ERR_TIME;
+        }
+    } while (status == IPE_IGNORED || !row->has_force);
+    if (!row->has_position) { ipe_motion_target(&p->motion, row->position); }
+    return status == IPE_NOT_READY ? IPE_IGNORED : status;
+}
+
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
 {
     ipe_motion_t motion;
@@ -102,23 +123,21 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     ipe_average_t average;
     const uint64_t restarts = p->window.n_restarts;
 
-    ipe_status_t status = ipe_align_pop(&p->align, row);  // samples -> row
+    ipe_status_t status = next_motion(p, row, &motion);                           // samples -> row, motion
     if (status != IPE_OK) { return status; }
-    if (!clocks_are_settled(p, row->t_ns)) {
-        ++p->n_unsettled;
-        return IPE_ERR_TIME;
-    }
-    status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);              // row -> motion, cable wrench
+    status = ipe_wrench_from_row(&p->wrench, row, &motion, &wrench);              // tensions -> cable wrench
     if (status != IPE_OK) { return status; }
     status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
     p->estimator.n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_estimator_restart_windows(&p->estimator); }
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
+    status = ipe_cable_inertia_add(&p->config, &average);  // the cables' own inertia
+    if (status != IPE_OK) { return status; }
     if (p->is_frozen) {
         ++p->n_frozen;
         return IPE_IGNORED;
     }
-    ipe_estimator_predict(&p->estimator, &p->config, average.t_ns);           // states -> now
+    ipe_estimator_predict(&p->estimator, &p->config, &average);                           // states -> now
     status = ipe_estimator_update(&p->estimator, &p->config, &average);       // window -> theta, xi, P
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);  // theta, P -> body
@@ -149,6 +168,7 @@ void ipe_pipeline_reset(ipe_pipeline_t* p)
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 {
     memcpy(p->config.gyro_bias, bias, sizeof p->config.gyro_bias);
+    ipe_motion_set_gyro_bias(&p->motion, bias);
     ipe_window_restart(&p->window);
     ipe_estimator_restart_windows(&p->estimator);
 }

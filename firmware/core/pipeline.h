@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// CAN frames and tracker positions in, the estimated inertial parameters out: the sequence of the stages, nothing else.
 ///
-///   frame --> decode --> sample_assembler --> stuck_sensor --> clock, sample_timing --> align --> wrench --> window
-///         --> estimator
+///   frame --> decode --> sample_assembler --> stuck_sensor --> clock, sample_timing --> align --> motion --> wrench
+///         --> window --> estimator
 ///
 /// All state is in ipe_pipeline_t, which the caller allocates (one static in the daemon). One thread per pipeline.
 #ifndef IPE_PIPELINE_H
@@ -13,6 +13,7 @@
 #include "config.h"
 #include "decode.h"
 #include "estimator.h"
+#include "motion.h"
 #include "sample_assembler.h"
 #include "sample_timing.h"
 #include "stuck_sensor.h"
@@ -31,6 +32,7 @@ typedef struct {
     uint64_t n_untimed[IPE_SENSOR_COUNT];  ///< steps of refused samples, which sample_timing has not seen yet
     ipe_align_t align;
     uint64_t n_unsettled;                  ///< rows refused: a clock was not settled yet
+    ipe_motion_stage_t motion;
     ipe_wrench_stage_t wrench;
     ipe_window_t window;
     ipe_estimator_t estimator;

@@ -22,7 +22,7 @@ ipe_status_t ipe_prior_start(const ipe_config_t* config, const ipe_filter_states
 {
     double theta[IPE_NP], P[IPE_NP][IPE_NP], std[IPE_NX_MAX - IPE_NP];
     ipe_prior_at_imu(config, theta, P);
-    ipe_filter_states_std(&states->layout, config, std);
+    ipe_filter_states_std(states, std);
     return ipe_rls_init(rls, theta, P, states->layout.n - IPE_NP, std);
 }
 
@@ -48,7 +48,7 @@ void ipe_prior_fold(const ipe_config_t* config, const ipe_filter_states_t* state
     double row[IPE_NX_MAX], std[IPE_NX_MAX - IPE_NP], theta[IPE_NP], P[IPE_NP][IPE_NP], rows[IPE_NP][IPE_NP];
     ipe_prior_at_imu(config, theta, P);
     if (!prior_rows((const double (*)[IPE_NP])P, rows)) { return; }
-    ipe_filter_states_std(&states->layout, config, std);
+    ipe_filter_states_std(states, std);
     for (int i = 0; i < rls->n; ++i) {
         double y = 0.0;
         memset(row, 0, sizeof row);

@@ -7,7 +7,7 @@
 /// with s the specific force at I (what an ideal accelerometer there reads), w the rate, alpha its derivative, F and tau
 /// the cables' force and moment at I; everything in platform axes. Gravity needs no attitude: it is in s.
 /// Y is linear in s, alpha and the products w w^T, so it may be built from weighted averages of them.
-/// Source: Atkeson, An, Hollerbach, IJRR 5(3), 1986; firmware/DESIGN.md, "Regressor". No state, any thread, 10 ns.
+/// Source: Atkeson, An, Hollerbach, IJRR 5(3), 1986; firmware/DESIGN.md, "Body". No state, any thread, 10 ns.
 #ifndef IPE_REGRESSOR_H
 #define IPE_REGRESSOR_H
 

@@ -5,7 +5,8 @@
 
 #include <string.h>
 
-#define LARGEST 1e15  // standard deviations: no sensor reads more, and its square is finite in double
+#define INFORMED 0.99  // of the prior in a state's information: chosen so that taking it out costs two digits
+#define LARGEST 1e15   // standard deviations: no sensor reads more, and its square is finite in double
 
 static int column(int j)
 {
@@ -71,11 +72,11 @@ void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_
     }
 }
 
-/// One scalar row h x = y of unit variance. Returns the squared normalised innovation.
-static double update_row(ipe_rls_t* s, const double* h, double y)
+/// One scalar row h x = y of this variance. Returns the squared normalised innovation.
+static double update_row(ipe_rls_t* s, const double* h, double y, double variance)
 {
     double b[IPE_NX_MAX];
-    double a = 1.0;
+    double a = variance;
     double innovation = y;
     for (int j = 0; j < s->n; ++j) {
         double* U = &s->U[column(j)];
@@ -132,14 +133,26 @@ ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], con
         return IPE_ERR_NONFINITE;
     }
     *nis = 0.0;
-    for (int i = 0; i < IPE_NY; ++i) { *nis += update_row(s, H + i * s->n, z[i]); }
+    for (int i = 0; i < IPE_NY; ++i) { *nis += update_row(s, H + i * s->n, z[i], 1.0); }
     ++s->n_updates;
     return IPE_OK;
 }
 
 void ipe_rls_update_row(ipe_rls_t* s, const double* h, double y)
 {
-    (void)update_row(s, h, y);
+    (void)update_row(s, h, y, 1.0);
+}
+
+void ipe_rls_widen_prior(ipe_rls_t* s, int i, double std, double wider)
+{
+    double h[IPE_NX_MAX] = {0.0};
+    const double removed = 1.0 / (std * std) - 1.0 / (wider * wider);
+    h[i] = 1.0;
+    if (!(removed * ipe_rls_covariance_of(s, i, i) < INFORMED)) {
+        ipe_rls_loosen(s, i, wider * wider);
+        return;
+    }
+    (void)update_row(s, h, 0.0, -1.0 / removed);
 }
 
 void ipe_rls_forget(ipe_rls_t* s, double lambda)
@@ -174,7 +187,7 @@ void ipe_rls_fade(ipe_rls_t* s, int i, double factor)
     for (int j = i + 1; j < s->n; ++j) { s->U[column(j) + i] *= factor; }
 }
 
-static double element(const ipe_rls_t* s, int i, int k)
+double ipe_rls_covariance_of(const ipe_rls_t* s, int i, int k)
 {
     double sum = 0.0;
     for (int j = i > k ? i : k; j < s->n; ++j) {
@@ -188,13 +201,13 @@ static double element(const ipe_rls_t* s, int i, int k)
 void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P)
 {
     for (int i = 0; i < rows; ++i) {
-        for (int k = 0; k <= i; ++k) { P[i * rows + k] = P[k * rows + i] = element(s, i, k); }
+        for (int k = 0; k <= i; ++k) { P[i * rows + k] = P[k * rows + i] = ipe_rls_covariance_of(s, i, k); }
     }
 }
 
 double ipe_rls_std(const ipe_rls_t* s, int i)
 {
-    return sqrt(element(s, i, i));
+    return sqrt(ipe_rls_covariance_of(s, i, i));
 }
 
 bool ipe_rls_invariants_hold(const ipe_rls_t* s)

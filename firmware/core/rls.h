@@ -56,11 +56,18 @@ void ipe_rls_forget(ipe_rls_t* s, double lambda);
 /// State i may have moved: P_ii += variance. Source: Agee, Turner, 1972; cost i^2.
 void ipe_rls_loosen(ipe_rls_t* s, int i, double variance);
 
+/// The prior of state i was 0 +- std and should have been 0 +- wider: as if it had been from the start, exactly, by an
+/// update with negative variance. Where the data say next to nothing about the state it is loosened instead.
+void ipe_rls_widen_prior(ipe_rls_t* s, int i, double std, double wider);
+
 /// State i fades: x_i *= factor, its row and column of P as well; factor > 0.
 void ipe_rls_fade(ipe_rls_t* s, int i, double factor);
 
 /// P [n][n] = U D U^T, symmetric; only the first rows x rows are computed and written, as [rows][rows].
 void ipe_rls_covariance(const ipe_rls_t* s, int rows, double* P);
+
+/// Covariance of states i and k.
+double ipe_rls_covariance_of(const ipe_rls_t* s, int i, int k);
 
 /// Standard deviation of state i.
 double ipe_rls_std(const ipe_rls_t* s, int i);

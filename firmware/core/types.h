@@ -68,7 +68,22 @@ typedef struct {
     double q[4];               ///< unit quaternion w x y z, I to W
     double position[3];        ///< tracked point, W, m
     double f[IPE_CABLES_MAX];  ///< N
+    bool has_force;            ///< f holds
+    bool has_position;         ///< position holds
+    bool is_position_new;      ///< the tracker measured since the last row that has a position
 } ipe_row_t;
+
+/// The error of an attitude: d(error)/d(parameter) and one sigma of the rest, which is independent of the parameters.
+/// Parameters: accelerometer bias 3 [m/s2, I axes], lever 3 [tracker target minus IMU position, m, P axes], position delay
+/// 1 [s], yaw of the AHRS 1 [rad]; each is the true value minus the configured one.
+typedef struct {
+    double attitude[3][IPE_MOTION_NP];  ///< R_true = exp(attitude parameter) R, rad per unit, W axes
+    double force_scale[3]
+                      [IPE_MOTION_NP];  ///< s_true = (1 - force_scale parameter) s, each I axis, beside the bias itself
+    double rate_scale[3][IPE_MOTION_NP];  ///< w_true = (1 - rate_scale parameter) w, each I axis
+    double attitude_std[3];               ///< rad, W axes: the rest,
+    double attitude_time[3];              ///< s: and its correlation time
+} ipe_attitude_error_t;
 
 /// Calibrated motion of the IMU point, P axes, and the pose of P.
 typedef struct {
@@ -76,12 +91,15 @@ typedef struct {
     double w[3];     ///< angular rate, P axes, rad/s
     double R[3][3];  ///< P to W
     double p[3];     ///< position of P in W, m
+    double v[3];     ///< velocity of P in W, m/s
+    ipe_attitude_error_t error;
 } ipe_motion_t;
 
 /// Force and moment of the cables on the platform at the IMU point, P axes: fx fy fz [N], tx ty tz [N m].
 typedef struct {
     double y[IPE_NY];
-    double f[IPE_CABLES_MAX];  ///< the tensions it was made from, calibrated, N
+    double f[IPE_CABLES_MAX];         ///< the tensions at the platform it was made from, calibrated, N
+    double friction[IPE_CABLES_MAX];  ///< f sgn(cable travel), N: what a friction of 1 adds to f
 } ipe_wrench_t;
 
 #endif

@@ -26,7 +26,8 @@ static void set_period(ipe_window_t* x, double period)
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)
 {
     memset(x, 0, sizeof *x);
-    x->n_channels = IPE_CHANNEL_F + config->n_cables;
+    x->n_cables = config->n_cables;
+    x->n_channels = IPE_CHANNEL_F + 2 * config->n_cables;
     x->window_length = config->window_length;
     x->max_age = config->max_age[IPE_IMU];
     if (config->sample_rate > 0.0) { set_period(x, 1.0 / config->sample_rate); }
@@ -59,8 +60,10 @@ static void remember(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* motion, 
     memcpy(channel + IPE_CHANNEL_Y, wrench->y, sizeof wrench->y);
     memcpy(channel + IPE_CHANNEL_W, motion->w, sizeof motion->w);
     memcpy(channel + IPE_CHANNEL_P, motion->p, sizeof motion->p);
-    memcpy(channel + IPE_CHANNEL_F, wrench->f, sizeof(double) * (size_t)(x->n_channels - IPE_CHANNEL_F));
+    memcpy(channel + IPE_CHANNEL_F, wrench->f, sizeof(double) * (size_t)x->n_cables);
+    memcpy(channel + IPE_CHANNEL_F + x->n_cables, wrench->friction, sizeof(double) * (size_t)x->n_cables);
     memcpy(x->previous.R, motion->R, sizeof motion->R);
+    x->previous.error = motion->error;
 }
 
 /// First row after a start or a gap: windows start here.
@@ -110,9 +113,13 @@ static void accumulate(ipe_window_t* x, uint64_t index, double d)
     a->slope_weight += slope_weight;
     a->slope_moment += slope_weight * t;
     const double* channel = x->previous.channel;
+    const int n_sloped = x->n_channels - x->n_cables;
     for (int i = 0; i < x->n_channels; ++i) { a->channel[i] += weight * channel[i]; }
-    for (int i = IPE_CHANNEL_W; i < x->n_channels; ++i) { a->slope[i - IPE_CHANNEL_W] += slope_weight * channel[i]; }
-    if (z <= 2.0 + 1e-6) { memcpy(a->R, x->previous.R, sizeof a->R); }
+    for (int i = IPE_CHANNEL_W; i < n_sloped; ++i) { a->slope[i - IPE_CHANNEL_W] += slope_weight * channel[i]; }
+    if (z <= 2.0 + 1e-6) {
+        memcpy(a->R, x->previous.R, sizeof a->R);
+        a->error = x->previous.error;
+    }
     ++a->n_rows;
 }
 
@@ -136,10 +143,12 @@ static void noise_of_averages(const ipe_window_t* x, ipe_average_t* average)
 static void finish(ipe_window_t* x, ipe_average_t* average)
 {
     ipe_accumulator_t* a = &x->open[x->first % IPE_WINDOWS_OPEN];
+    const size_t n_bytes = sizeof(double) * (size_t)x->n_cables;
     double mean[IPE_CHANNELS] = {0}, slope[IPE_SLOPES] = {0};
+    memset(average, 0, sizeof *average);
     const double spread = a->slope_moment - a->slope_weight * a->moment / a->weight;
     for (int i = 0; i < x->n_channels; ++i) { mean[i] = a->channel[i] / a->weight; }
-    for (int i = IPE_CHANNEL_W; i < x->n_channels; ++i) {
+    for (int i = IPE_CHANNEL_W; i < x->n_channels - x->n_cables; ++i) {
         slope[i - IPE_CHANNEL_W] = (a->slope[i - IPE_CHANNEL_W] - a->slope_weight * mean[i]) / spread;
     }
     memcpy(average->s, mean + IPE_CHANNEL_S, sizeof average->s);
@@ -147,11 +156,13 @@ static void finish(ipe_window_t* x, ipe_average_t* average)
     memcpy(average->y, mean + IPE_CHANNEL_Y, sizeof average->y);
     memcpy(average->w, mean + IPE_CHANNEL_W, sizeof average->w);
     memcpy(average->p, mean + IPE_CHANNEL_P, sizeof average->p);
-    memcpy(average->f, mean + IPE_CHANNEL_F, sizeof average->f);
+    memcpy(average->f, mean + IPE_CHANNEL_F, n_bytes);
+    memcpy(average->friction, mean + IPE_CHANNEL_F + x->n_cables, n_bytes);
     memcpy(average->alpha, slope, sizeof average->alpha);
     memcpy(average->velocity, slope + IPE_CHANNEL_P - IPE_CHANNEL_W, sizeof average->velocity);
-    memcpy(average->f_slope, slope + IPE_CHANNEL_F - IPE_CHANNEL_W, sizeof average->f_slope);
+    memcpy(average->f_slope, slope + IPE_CHANNEL_F - IPE_CHANNEL_W, n_bytes);
     memcpy(average->R, a->R, sizeof average->R);
+    average->error = a->error;
     noise_of_averages(x, average);
     average->n_rows = a->n_rows;
     average->length = x->length;

@@ -19,33 +19,36 @@
 
 /// Averages of one finished window.
 typedef struct {
-    int64_t t_ns;                    ///< its middle
-    double length;                   ///< s
-    double s[3];                     ///< specific force, m/s2
-    double w[3];                     ///< rate, rad/s
-    double ww[6];                    ///< rate products xx yy zz yz xz xy, rad2/s2
-    double alpha[3];                 ///< angular acceleration, rad/s2
-    double s_variance[3];            ///< of s, by the accelerometer's white noise, m2/s4
-    double alpha_variance[3];        ///< of alpha, by the gyro's, rad2/s4
-    double y[IPE_NY];                ///< wrench, N, N m
-    double p[3];                     ///< position of P in W, m
-    double velocity[3];              ///< its slope, m/s
-    double f[IPE_CABLES_MAX];        ///< tensions, N
-    double f_slope[IPE_CABLES_MAX];  ///< their slopes, N/s
-    double R[3][3];                  ///< P to W in the window's middle
+    int64_t t_ns;                     ///< its middle
+    double length;                    ///< s
+    double s[3];                      ///< specific force, m/s2
+    double w[3];                      ///< rate, rad/s
+    double ww[6];                     ///< rate products xx yy zz yz xz xy, rad2/s2
+    double alpha[3];                  ///< angular acceleration, rad/s2
+    double s_variance[3];             ///< of s, by the accelerometer's white noise, m2/s4
+    double alpha_variance[3];         ///< of alpha, by the gyro's, rad2/s4
+    double y[IPE_NY];                 ///< wrench, N, N m
+    double cable_inertia[IPE_NY];     ///< the cables' inertia that is in it, cable_inertia.h
+    double p[3];                      ///< position of P in W, m
+    double velocity[3];               ///< its slope, m/s
+    double f[IPE_CABLES_MAX];         ///< tensions, N
+    double f_slope[IPE_CABLES_MAX];   ///< their slopes, N/s
+    double friction[IPE_CABLES_MAX];  ///< tensions with the sign of the cables' speeds, N
+    double R[3][3];                   ///< P to W in the window's middle,
+    ipe_attitude_error_t error;       ///< and its error
     int n_rows;
 } ipe_average_t;
 
-/// What is averaged, and from IPE_CHANNEL_W on also differentiated under the kernel.
+/// What is averaged, and from IPE_CHANNEL_W to the tensions also differentiated under the kernel.
 enum {
     IPE_CHANNEL_S = 0,
     IPE_CHANNEL_WW = 3,
     IPE_CHANNEL_Y = 9,
     IPE_CHANNEL_W = 15,
     IPE_CHANNEL_P = 18,
-    IPE_CHANNEL_F = 21,
-    IPE_CHANNELS = IPE_CHANNEL_F + IPE_CABLES_MAX,
-    IPE_SLOPES = IPE_CHANNELS - IPE_CHANNEL_W,
+    IPE_CHANNEL_F = 21,  ///< one of each cable; after them the tensions with the sign of speed, not differentiated
+    IPE_CHANNELS = IPE_CHANNEL_F + 2 * IPE_CABLES_MAX,
+    IPE_SLOPES = IPE_CHANNEL_F + IPE_CABLES_MAX - IPE_CHANNEL_W,
 };
 
 typedef struct {
@@ -55,12 +58,14 @@ typedef struct {
     double slope_moment;           ///< sum phi' d t
     double channel[IPE_CHANNELS];  ///< sum phi d channel
     double slope[IPE_SLOPES];      ///< sum phi' d channel
-    double R[3][3];                ///< of the last row up to the middle
+    double R[3][3];                ///< of the last row up to the middle,
+    ipe_attitude_error_t error;    ///< and its error
     int n_rows;
 } ipe_accumulator_t;
 
 typedef struct {
-    int n_channels;        ///< in use: the robot's cables end them
+    int n_cables;
+    int n_channels;        ///< in use: IPE_CHANNEL_F + 2 n_cables
     double window_length;  ///< s, as configured
     double max_age;        ///< s, gap that restarts the windows whatever the sample rate
     double period;         ///< s between rows; 0: being measured
@@ -75,6 +80,7 @@ typedef struct {
         int64_t t_ns;
         double channel[IPE_CHANNELS];
         double R[3][3];
+        ipe_attitude_error_t error;
     } previous;                            ///< the row that waits for its successor's stamp
     double spacing;                        ///< s between previous and the one before
     int n_measured;                        ///< intervals seen while measuring the period

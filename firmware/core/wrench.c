@@ -5,34 +5,23 @@
 
 #include <string.h>
 
+#define REST_SPEED 0.015  // m/s, below which friction fades with the speed: chosen as the error of the speeds
+#define REACH 2e-3        // m of travel over which friction turns: chosen as measured on steel cables on pulleys
+#define LONGEST_GAP 0.5   // s between rows over which friction is carried on
+
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)
 {
     memset(w, 0, sizeof *w);
     w->config = config;
-    mat3_from_quat(config->imu_orientation, w->R_PI);
-    const double yaw[3] = {0.0, 0.0, config->world_yaw};
-    mat3_exp(yaw, w->yaw);
-    double bias[3][3], R_IP[3][3];
-    mat3_exp(config->attitude_bias, bias);
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) { R_IP[i][j] = w->R_PI[j][i]; }
-    }
-    mat3_mul(R_IP, bias, w->correction);
 }
 
-static void motion_from_row(const ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion)
+/// s since the last row; 0 at a start.
+static double elapsed(ipe_wrench_stage_t* w, int64_t t_ns)
 {
-    const ipe_config_t* k = w->config;
-    double R_WI[3][3], turned[3][3], acc[3], gyro[3], lever[3];
-    mat3_from_quat(row->q, R_WI);
-    mat3_mul(w->yaw, R_WI, turned);
-    mat3_mul(turned, w->correction, motion->R);
-    vec3_axpy(row->acc, -1.0, k->acc_bias, acc);
-    vec3_axpy(row->gyro, -1.0, k->gyro_bias, gyro);
-    mat3_mul_vec(w->R_PI, acc, motion->s);
-    mat3_mul_vec(w->R_PI, gyro, motion->w);
-    mat3_mul_vec(motion->R, k->tracker_target, lever);
-    vec3_axpy(row->position, -1.0, lever, motion->p);
+    const double dt = 1e-9 * (double)(t_ns - w->t_ns);
+    const bool is_new = w->t_ns == 0 || dt < 0.0 || dt > LONGEST_GAP;
+    w->t_ns = t_ns;
+    return is_new ? 0.0 : dt;
 }
 
 /// Wrench of a force in P axes at attachment, about point.
@@ -68,6 +57,25 @@ ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], co
     return IPE_OK;
 }
 
+/// Tensions with the sign of the cables' travel; the first three rows of W are the cables' directions.
+static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion,
+                        const double W[IPE_NY][IPE_CABLES_MAX], ipe_wrench_t* wrench)
+{
+    const ipe_config_t* k = w->config;
+    double v[3];
+    mat3_tmul_vec((const double (*)[3])motion->R, motion->v, v);
+    for (int i = 0; i < k->n_cables; ++i) {
+        double turning[3];
+        vec3_cross(motion->w, k->cable[i].attachment, turning);
+        const double speed =
+            -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
+        const double square = speed * speed, moving = square / (square + REST_SPEED * REST_SPEED);
+        const double travel = fabs(speed) * dt * moving;
+        w->friction[i] += travel / (travel + REACH) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);
+        wrench->friction[i] = wrench->f[i] * w->friction[i];
+    }
+}
+
 static void count_limits(ipe_wrench_stage_t* w, const double f[IPE_CABLES_MAX])
 {
     bool is_slack = false, is_overloaded = false;
@@ -79,11 +87,10 @@ static void count_limits(ipe_wrench_stage_t* w, const double f[IPE_CABLES_MAX])
     w->n_overload += is_overloaded;
 }
 
-ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ipe_motion_t* motion,
+ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, const ipe_motion_t* motion,
                                  ipe_wrench_t* wrench)
 {
     const ipe_config_t* k = w->config;
-    motion_from_row(w, row, motion);
     double W[IPE_NY][IPE_CABLES_MAX];
     double* f = wrench->f;
     if (ipe_wrench_matrix(k, motion->p, motion->R, k->imu_position, W, wrench->y) != IPE_OK) {
@@ -94,6 +101,7 @@ ipe_status_t ipe_wrench_from_row(ipe_wrench_stage_t* w, const ipe_row_t* row, ip
         f[i] = (row->f[i] - k->force_offset[i]) / (1.0 + k->force_gain[i]);
         for (int j = 0; j < IPE_NY; ++j) { wrench->y[j] += W[j][i] * f[i]; }
     }
+    friction_of(w, elapsed(w, row->t_ns), motion, (const double (*)[IPE_CABLES_MAX])W, wrench);
     count_limits(w, f);
     ++w->n_rows;
     return IPE_OK;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-/// A file that is there as a whole or as it was before: written beside it (PATH.tmp), synced, renamed.
+/// Replace a file atomically: write PATH.tmp, sync, rename. A reader finds the whole old or the whole new content.
 ///
-/// What is no regular file (/dev/stdout) is written to directly. No heap, no state; waits for the disk.
+/// A path that is not a regular file (/dev/stdout) is written to directly. No heap, no state; waits for the disk.
 #ifndef IPE_ATOMIC_FILE_H
 #define IPE_ATOMIC_FILE_H
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What every source of CAN frames counts alike.
+/// Counters common to all sources of CAN frames.
 #ifndef IPE_BUS_COUNTS_H
 #define IPE_BUS_COUNTS_H
 
@@ -8,8 +8,8 @@
 typedef struct {
     uint64_t n_frames;               ///< frames handed on, error frames included
     uint64_t n_error_frames;         ///< of these: error frames
-    uint64_t n_controller_overruns;  ///< error frames by which the controller says that its own buffer overflowed
-    uint64_t n_dropped;              ///< frames lost before they reached this source, as far as it was told
+    uint64_t n_controller_overruns;  ///< error frames that report an overflow of the controller's own buffer
+    uint64_t n_dropped;  ///< frames lost before they reached this source, as far as kernel or logger report it
 } ipe_bus_counts_t;
 
 /// Count one frame that is handed on.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The state of a CAN controller as its error frames tell it: error-active, warning, passive, bus-off, restarted.
+/// State of a CAN controller, from its error frames: error-active, warning, passive, bus-off, restarted.
 ///
 /// 48 B per bus, no heap, one thread. Source: linux/can/error.h; ISO 11898-1, fault confinement.
 #ifndef IPE_BUS_STATE_H
@@ -8,7 +8,7 @@
 #include "types.h"
 
 typedef enum {
-    IPE_BUS_ACTIVE = 0,   ///< all is well; also before any error frame
+    IPE_BUS_ACTIVE = 0,   ///< normal; also before any error frame
     IPE_BUS_WARNING = 1,  ///< an error counter reached 96
     IPE_BUS_PASSIVE = 2,  ///< ... 128
     IPE_BUS_OFF = 3,      ///< the controller took itself off the bus
@@ -20,8 +20,7 @@ typedef struct {
     uint64_t n_restarted;
 } ipe_bus_state_t;
 
-/// Take one frame that has IPE_CAN_ERR set. What it says if that is new, "bus-off", a string that needs no freeing; NULL if
-/// nothing changed.
+/// Use one frame that has IPE_CAN_ERR set. The new state as a static string, such as "bus-off"; NULL if it did not change.
 const char* ipe_bus_state_push(ipe_bus_state_t* s, const ipe_frame_t* frame);
 
 /// A counter by index: its cause, and its value. NULL past the last. The names are stable.

@@ -45,7 +45,7 @@ static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* 
     const ipe_estimator_t *e = &s->estimator, *like = &p->estimator;
     bool good = e->rls.n == like->rls.n && ipe_rls_invariants_hold(&e->rls) && e->estimate.n_windows > 0 &&
                 memcmp(&e->filter_states.layout, &like->filter_states.layout, sizeof like->filter_states.layout) == 0 &&
-                e->estimate.n_systematic == ipe_systematic_filter_count(p->config.n_cables) &&
+                e->estimate.n_systematic == ipe_systematic_count(p->config.n_cables) &&
                 isfinite(e->change_detector.cusum);
     for (int i = 0; i < IPE_NY; ++i) { good = good && e->noise.L[i][i] > 0.0 && isfinite(e->noise.L[i][i]); }
     for (int i = 0; i < 3; ++i) { good = good && fabs(s->gyro_bias[i]) <= GYRO_BIAS_MAX; }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What the estimator has learnt, kept in a file, so that a restart continues from it.
+/// The estimator's state, kept in a file, so that a restart continues from it.
 ///
 /// Kept: states and covariance of the filter, what is known of the noise, the change detector's sum, the gyro's bias as
 /// tared, the measured sample period, the last estimate, the counters that belong to them. Not kept: samples, open windows, clock maps; they are

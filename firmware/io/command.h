@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// command_t -> what to do. Strings and bytes stay in the message, so nothing is allocated.
+/// Decoder of command_t. Strings and bytes are views into the message, so nothing is allocated.
 #ifndef IPE_COMMAND_H
 #define IPE_COMMAND_H
 
@@ -28,7 +28,7 @@ typedef struct {
     size_t n_config;
 } ipe_command_t;
 
-/// Read a command_t of n bytes. 0, or -1: it is none of this version, or cut. No state.
+/// Read a command_t of n bytes. 0, or -1: of another version, or cut. No state.
 int ipe_command_decode(const uint8_t* data, size_t n, ipe_command_t* command);
 
 #endif

@@ -53,6 +53,7 @@ static void copy_cable(ipe_cable_t* to, const inertiad_lcm_cable_config_t* from)
     to->weight_per_length = from->weight_per_length;
     to->tension_min = from->tension_min;
     to->tension_max = from->tension_max;
+    to->force_at = from->force_at;
 }
 
 static void copy_signal(ipe_signal_t* to, const inertiad_lcm_signal_config_t* from)
@@ -92,6 +93,7 @@ static void copy_sources(ipe_config_t* to, const wire_t* from)
 {
     to->sample_rate = from->sample_rate;
     to->attitude_source = from->attitude_source;
+    to->attitude_estimate = from->attitude_estimate;
     to->position_source = from->position_source;
     COPY(to->fixed_position, from->fixed_position);
     to->n_signals = from->n_signals;
@@ -102,6 +104,7 @@ static void copy_sources(ipe_config_t* to, const wire_t* from)
     COPY(to->max_age, from->max_age);
     to->max_carry = from->max_carry;
     COPY(to->delay, from->delay);
+    to->delay_attitude = from->delay_attitude;
 }
 
 static void copy_calibration(ipe_config_t* to, const wire_t* from)
@@ -124,6 +127,12 @@ static void copy_calibration(ipe_config_t* to, const wire_t* from)
     to->std_position_delay = from->std_position_delay;
     to->std_geometry = from->std_geometry;
     to->std_attitude_wander = from->std_attitude_wander;
+    to->std_tracker_target = from->std_tracker_target;
+    to->std_attitude_delay = from->std_attitude_delay;
+    to->std_friction = from->std_friction;
+    to->std_force_offset_drift = from->std_force_offset_drift;
+    to->std_acc_scale = from->std_acc_scale;
+    to->std_gyro_scale = from->std_gyro_scale;
 }
 
 static void copy_estimator(ipe_config_t* to, const wire_t* from)

@@ -22,7 +22,7 @@ uint32_t ipe_config_crc(const uint8_t* bytes, size_t n);
 ///
 ///   bytes    in   the whole file, n bytes
 ///   config   out  filled on IPE_OK; its content is undefined otherwise
-///   message  out  one line saying what is wrong and what to do, on failure; size bytes, always terminated
+///   message  out  one line with the error and its remedy, on failure; size bytes, always terminated
 ///
 /// IPE_OK
 /// IPE_ERR_LENGTH  too short to be a configuration
@@ -31,7 +31,7 @@ ipe_status_t ipe_config_from_bytes(const uint8_t* bytes, size_t n, ipe_config_t*
 
 /// Put another gyro bias [3], rad/s, into a whole compiled configuration of n bytes, CRC included. The rest stays.
 ///
-/// IPE_OK, or IPE_ERR_CONFIG: not one that ipe_config_from_bytes() takes, untouched.
+/// IPE_OK, or IPE_ERR_CONFIG: ipe_config_from_bytes() would refuse it; bytes are unchanged.
 ipe_status_t ipe_config_set_gyro_bias(uint8_t* bytes, size_t n, const double bias[3]);
 
 /// The whole file as it is: its length, IPE_CONFIG_FILE_MAX if it is too long for a configuration, -1 with errno set.

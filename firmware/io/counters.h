@@ -17,7 +17,7 @@ typedef struct {
     } item[IPE_COUNTERS_MAX];
 } ipe_counters_t;
 
-/// Forget all.
+/// Remove all.
 void ipe_counters_clear(ipe_counters_t* c);
 
 /// Append "stage.cause"; stage NULL: cause is the whole name. A name that does not fit is cut; there are never more

@@ -69,23 +69,27 @@ static void put_observable(text_t* t, const bool observable[IPE_NP])
 /// is configured elsewhere, so they are given as corrections.
 static void put_systematic(text_t* t, const ipe_estimate_t* e, const ipe_config_t* k)
 {
-    const int m = k->n_cables;
     const struct {
         const char* name;
-        int first, n;
-        const double* configured;
-    } item[] = {
-        {"attitude_bias", IPE_XI_ATTITUDE, 3, k->attitude_bias}, {"world_yaw", IPE_XI_YAW, 1, &k->world_yaw},
-        {"acc_bias", IPE_XI_ACC_BIAS, 3, k->acc_bias},           {"imu_alignment", IPE_XI_ALIGNMENT, 3, NULL},
-        {"position_delay", IPE_XI_POSITION_DELAY, 1, NULL},      {"force_offset", IPE_XI_FORCE, m, k->force_offset},
-        {"force_gain", IPE_XI_FORCE + m, m, k->force_gain},
+        const double* value;
+    } configured[] = {
+        {"attitude_bias", k->attitude_bias}, {"world_yaw", &k->world_yaw},       {"acc_bias", k->acc_bias},
+        {"gyro_bias", k->gyro_bias},         {"force_offset", k->force_offset},  {"force_gain", k->force_gain},
+        {"imu_position", k->imu_position},   {"tracker_target", k->tracker_target},
     };
-    for (size_t i = 0; i < sizeof item / sizeof item[0]; ++i) {
+    int n_kinds, first = 0;
+    const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n_kinds);
+    for (const ipe_systematic_kind_t* kind = kinds; kind < kinds + n_kinds; ++kind) {
+        const int count = kind->count + kind->count_per_cable * k->n_cables, at = first;
         double value[IPE_CABLES_MAX];
-        for (int j = 0; j < item[i].n; ++j) {
-            value[j] = e->systematic[item[i].first + j] + (item[i].configured != NULL ? item[i].configured[j] : 0.0);
+        first += count;
+        if (e->systematic_std[at] == 0.0) { continue; }  // not estimated
+        memcpy(value, &e->systematic[at], sizeof(double) * (size_t)count);
+        for (size_t i = 0; i < sizeof configured / sizeof configured[0]; ++i) {
+            if (strcmp(configured[i].name, kind->name) != 0) { continue; }
+            for (int j = 0; j < count; ++j) { value[j] += configured[i].value[j]; }
         }
-        put_quantity(t, item[i].name, value, &e->systematic_std[item[i].first], item[i].n);
+        put_quantity(t, kind->name, value, &e->systematic_std[at], count);
     }
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The machine and its CAN interfaces: what `uname -a`, `ethtool -i -T -c`, `ip -details link` and `adjtimex` would say.
+/// Properties of the machine and its CAN interfaces, as `uname -a`, `ethtool -i -T -c`, `ip -details link` and `adjtimex`
+/// report them.
 ///
 /// Read once before the start, as text, for the record. What cannot be read is left out; a fact that matters and is missing
 /// is told so. 14 KB, caller-allocated, no heap, one thread.
@@ -21,10 +22,10 @@ typedef struct {
 void ipe_host_facts_add(ipe_host_facts_t* f, const char* name, const char* format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/// Append what is known of the machine and of this thread's scheduling.
+/// Append the facts of the machine and of this thread's scheduling.
 void ipe_host_facts_read(ipe_host_facts_t* f);
 
-/// Append what is known of a network interface, each name beginning with the interface's.
+/// Append the facts of a network interface; each name begins with the interface's.
 void ipe_host_facts_read_interface(ipe_host_facts_t* f, const char* interface);
 
 #endif

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What others tell the daemon over LCM: TRACKER and COMMAND.
+/// Messages to the daemon over LCM: TRACKER and COMMAND.
 ///
-/// A socket of its own in LCM's multicast group, because liblcm's receiver is a thread that allocates for every channel
-/// name it has not met, and takes in everything the daemon itself publishes. Here a filter in the kernel lets the two
-/// channels through and nothing else, and one datagram is handled at a time. Messages that LCM would split (over 64 KB)
-/// are not taken. 66 KB of state, caller-allocated, no heap, one thread; one system call per message.
+/// It has its own socket in LCM's multicast group, because liblcm's receiver is a thread that allocates for every new channel
+/// name and receives everything the daemon itself publishes. Here a filter in the kernel passes only the two channels, and
+/// one datagram is handled at a time. Messages that LCM would split (over 64 KB) are ignored. 66 KB of state, caller-allocated, no heap, one thread; one system call per message.
 /// Source: LCM's wire protocol, "LC02", sequence u32, channel, zero, message; linux/filter.h.
 #ifndef IPE_INBOX_H
 #define IPE_INBOX_H

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The next item of a recorded source, and the one after it where that tells whether the next one's stamp is wrong.
+/// The next item of a recorded source, and the one after it if that is needed to recognise a wrong stamp.
 ///
 /// An item whose stamp is over 1 s off the last one's while the following item is back is left out and counted: it would
-/// hold up everything that is merged with it. 32 B of state, no heap, one thread.
+/// delay every source that is merged with it. 32 B of state, no heap, one thread.
 #ifndef IPE_LOOKAHEAD_H
 #define IPE_LOOKAHEAD_H
 

@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/// Lets the first few messages of a kind through; the rest is for the counters.
+/// Passes the first few messages of a kind; the rest are only counted.
 typedef struct {
     uint32_t n;  ///< messages asked for so far
 } ipe_message_limit_t;

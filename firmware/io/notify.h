@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Tells the service manager that the daemon is ready, alive and well: systemd's notification protocol, sd_notify(3).
+/// Reports readiness, status and liveness to the service manager: systemd's notification protocol, sd_notify(3).
 ///
-/// One datagram of lines KEY=value per message to the socket that $NOTIFY_SOCKET names; nothing without it. Never waits: a
-/// datagram that finds no room is lost, the next one comes. No heap, one thread, one system call per message.
+/// One datagram of lines KEY=value per message to the socket that $NOTIFY_SOCKET names; without it every call has no effect. Never waits:
+/// a datagram that finds no room is lost. No heap, one thread, one system call per message.
 /// Source: sd_notify(3), sd_watchdog_enabled(3).
 #ifndef IPE_NOTIFY_H
 #define IPE_NOTIFY_H
@@ -11,10 +11,10 @@
 #include <sys/un.h>
 
 typedef struct {
-    int fd;  ///< -1: nobody wants to know
+    int fd;  ///< -1: off
     struct sockaddr_un address;
     unsigned address_length;
-    int64_t watchdog_ns;  ///< kill us when we say nothing for so long; 0: never
+    int64_t watchdog_ns;  ///< the service manager ends a daemon silent for so long; 0: never
     uint64_t n_failed;    ///< messages that did not go out
 } ipe_notify_t;
 

@@ -368,7 +368,7 @@ void ipe_publish_configure(ipe_publish_t* p, const ipe_config_t* config)
 {
     ipe_publish_flush(p);
     p->n_cables = config->n_cables;
-    for (int i = 0; i < ipe_systematic_filter_count(config->n_cables); ++i) {
+    for (int i = 0; i < ipe_systematic_count(config->n_cables); ++i) {
         ipe_systematic_name(config->n_cables, i, p->systematic_name[i]);
         p->systematic_names[i] = p->systematic_name[i];
     }

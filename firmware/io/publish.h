@@ -80,10 +80,10 @@ typedef struct {
     bool has_estimate_due;
     ipe_message_limit_t limit;
 
-    char systematic_name[IPE_XI_FILTER_MAX][IPE_SYSTEMATIC_NAME_MAX];
-    char* systematic_names[IPE_XI_FILTER_MAX];  ///< pointers to them, as the generated encoder takes them
+    char systematic_name[IPE_XI_MAX][IPE_SYSTEMATIC_NAME_MAX];
+    char* systematic_names[IPE_XI_MAX];  ///< pointers to them, as the generated encoder takes them
 
-    int n_frames, n_rows, n_items;  ///< in the open blocks
+    int n_frames, n_rows, n_items;              ///< in the open blocks
     inertiad_lcm_can_frame_t frame[IPE_PUBLISH_FRAMES];
     uint8_t frame_data[IPE_PUBLISH_FRAMES][IPE_DATA_MAX];
     inertiad_lcm_signals_row_t row[IPE_PUBLISH_ROWS];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The calling thread's place among others: processor, SCHED_FIFO priority, memory that stays in RAM.
+/// Scheduling of the calling thread: processor, SCHED_FIFO priority, memory that stays in RAM.
 ///
 /// Call once, when everything is open and every other thread runs: those keep their own scheduling.
 #ifndef IPE_REALTIME_H
@@ -14,7 +14,7 @@ int ipe_realtime_pin(int cpu, char* message, size_t size);
 
 /// Lock all memory, present and future, touch the stack, then SCHED_FIFO with this priority, 1 to 99.
 ///
-/// 0, or -1 with one line in message[size] that says what is missing: a permission or a limit. Children do not inherit it.
+/// 0, or -1 with one line in message[size] that names the missing permission or limit. Children do not inherit it.
 int ipe_realtime_start(int priority, char* message, size_t size);
 
 #endif

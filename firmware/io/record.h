@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-/// An LCM event log that loses nothing it does not count: messages go into a bounded queue, one thread writes them.
+/// LCM event log. Messages go into a bounded queue, and one thread writes them; every lost message is counted.
 ///
 /// Per message, big-endian: sync 0xEDA1DA01 u32, number u64, time u64 [us], channel length u32, data length u32,
-/// channel, data; lcm-logplayer and lcm's EventLog read it. The number counts every message handed in, so a step of more
+/// channel, data; lcm-logplayer and lcm's EventLog read it. The number counts every message pushed, so a step of more
 /// than one is a loss. The time is the message's data time. Each file begins with the configuration; a message on its
 /// channel is the configuration from there on.
-/// What was written is on the disk half a second later (fdatasync), and a write that fails is cut back to the last whole
+/// Written messages are on the disk half a second later (fdatasync), and a failed write is cut back to the last whole
 /// message, so after a power cut or on a full disk only the end is missing.
 /// A file that is there already is not overwritten but moved to PATH.1, PATH.2, ...; so is one that is full (rotation).
-/// 8.4 MB, caller-allocated, no heap after open. One thread calls; it never waits for the disk unless told to.
+/// 8.4 MB, caller-allocated, no heap after open. One thread calls; it waits for the disk only with options.waits.
 #ifndef IPE_RECORD_H
 #define IPE_RECORD_H
 
@@ -74,7 +74,7 @@ typedef struct ipe_record {
 /// 0 or -1.
 int ipe_record_open(ipe_record_t* r, const ipe_record_options_t* options, char* message, size_t size);
 
-/// Hand in one message of data time t_ns: n bytes for a channel of 1 to 63 characters. Copies; a full queue drops it,
+/// Push one message of data time t_ns: n bytes for a channel of 1 to 63 characters. Copies; a full queue drops it,
 /// counted, or with options.waits waits for the writer.
 void ipe_record_push(ipe_record_t* r, const char* channel, int64_t t_ns, const uint8_t* data, size_t n);
 

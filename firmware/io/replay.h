@@ -2,8 +2,8 @@
 /// Up to 8 CAN logs and a tracker file, merged by their stamps and, if asked, paced as they were recorded.
 ///
 /// in: source_file and source_tracker_file; out: one frame or position at a time. At equal stamps a lower bus comes
-/// first and the tracker last, so the order depends on the files alone. An input that has nothing yet (a pipe) holds the
-/// others back; one that has ended does not. No heap, one thread; one clock reading per item when paced, none otherwise.
+/// first and the tracker last, so the order depends on the files alone. All wait for an input that has nothing yet (a
+/// pipe), but not for one that has ended. No heap, one thread; one clock reading per item when paced, none otherwise.
 #ifndef IPE_REPLAY_H
 #define IPE_REPLAY_H
 
@@ -37,7 +37,7 @@ typedef struct {
     int64_t clock_0_ns;  ///< CLOCK_MONOTONIC when it was handed out
 } ipe_replay_t;
 
-/// Hand out the next item.
+/// Get the next item.
 ipe_replay_status_t ipe_replay_next(ipe_replay_t* r, ipe_replay_item_t* item);
 
 /// Read once from the input that ipe_replay_next() waits for.

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-/// What sources of recorded data have in common.
+/// Types common to the sources of recorded data.
 #ifndef IPE_SOURCE_H
 #define IPE_SOURCE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/// What a source has to offer right now.
+/// State of a source.
 typedef enum {
     IPE_SOURCE_READY = 0,
     IPE_SOURCE_WAIT = 1,  ///< nothing until the descriptor is readable

@@ -3,8 +3,8 @@
 ///
 /// in: text lines (candump.h), out: one frame at a time, in the order of the file. A line that is no frame never stops
 /// the reading: it is counted by cause, and the first few are reported with file and line number.
-/// A frame whose stamp is over 1 s off while the next one is back is left out and counted: the stamp is wrong, and would
-/// hold up everything that is merged with it.
+/// A frame whose stamp is over 1 s off while the next one is back is left out and counted: its stamp is wrong and would
+/// delay every source that is merged with it.
 /// All interfaces of a log become the one bus it was opened as, or only one of them with a filter.
 /// 64 KB of state, caller-allocated, no heap, one thread. 10 million frames/s on a desktop machine.
 #ifndef IPE_SOURCE_FILE_H
@@ -28,7 +28,7 @@ typedef struct {
     ipe_message_limit_t limit;
 
     ipe_bus_counts_t counts;               ///< n_dropped: from DROPCOUNT lines
-    uint64_t n_result[IPE_CANDUMP_COUNT];  ///< lines by what they were
+    uint64_t n_result[IPE_CANDUMP_COUNT];  ///< lines by result
     uint64_t n_other_interface;            ///< frames of interfaces that the filter keeps out
     uint64_t n_too_long;                   ///< lines skipped, longer than IPE_LINE_MAX
     uint64_t n_cut;                        ///< a last line without line end that is not a frame

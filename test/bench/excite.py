@@ -13,7 +13,7 @@ import numpy as np
 import inertiad_core
 from inertiad.base import body as estimate
 from inertiad.excite import planner, problem
-from inertiad.excite import request as asked
+from inertiad.excite import request as requests
 from inertiad.excite import search as searching
 from inertiad.identify import fisher_information
 from inertiad.model import forward_dynamics, trajectory
@@ -71,7 +71,7 @@ def obtained(plan: planner.Plan) -> tuple[np.ndarray, np.ndarray]:
 
 def main() -> None:
     start, cpu = time.monotonic(), cpu_seconds()
-    request, plan = asked.plan(ROBOT, asked.Asked(), 4, 0, lambda step: None)
+    request, plan = requests.plan(ROBOT, requests.Arguments(), 4, 0, lambda step: None)
     seconds, cpu = time.monotonic() - start, cpu_seconds() - cpu
     model, paper = request.checker.model, trajectory.paper()
     at_equal_duration = sigma_of(request, paper) * np.sqrt(paper.duration / plan.path.duration)

@@ -83,7 +83,7 @@ def main() -> None:
                 pipeline = played(run, robot, cut(run, gap), max_carry)
                 found.append(errors(run, pipeline))
                 off.append(astray(run, played(run, robot, run / "tracker.csv", 0.0), pipeline))
-                n.append((pipeline.estimate["n_windows"], pipeline.counters["align.position.carried"]))
+                n.append((pipeline.estimate["n_windows"], pipeline.counters["motion.carried"]))
             error, std = (np.array(x) for x in zip(*found, strict=True))
             p50, p99 = 1e3 * np.percentile(np.concatenate(off), [50, 99]) if max_carry > 0.0 else (0.0, 0.0)
             windows, carried = np.mean(n, axis=0)

@@ -3,6 +3,7 @@
 
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,6 +47,12 @@ def minimal_toml(n_cables: int, extra: str = "") -> str:
     return text + extra
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Modules with slow tests first: the processors, each with a module of its own, then end at about the same time."""
+    n_slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -n_slow[item.path])
+
+
 @pytest.fixture
 def cogiro() -> Robot:
     return description.load(COGIRO / "robot.toml")
@@ -74,3 +81,12 @@ def inertiactl() -> Callable[..., subprocess.CompletedProcess[str]]:
         return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=TOP)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def can_over_udp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A library that, preloaded into a program, gives it UDP sockets in place of CAN sockets; see can_over_udp.c."""
+    library = tmp_path_factory.mktemp("can_over_udp") / "can_over_udp.so"
+    source = TOP / "test/host/can_over_udp.c"
+    subprocess.run(["cc", "-std=gnu11", "-O2", "-shared", "-fPIC", "-o", library, source], check=True)
+    return library

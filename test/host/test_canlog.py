@@ -46,7 +46,7 @@ def test_damaged_lines_are_counted_and_said(tmp_path: Path):
     log = canlog.read(tmp_path / "can.log")
     assert len(log) == 6 and log.n_damaged == 2
     assert "2 lines left out, the first: 7" in log.remarks[0]
-    assert "lost 7 frames" in log.remarks[1]
+    assert "7 lost frames" in log.remarks[1]
 
 
 def messages() -> list[can.Message]:

@@ -2,6 +2,8 @@
 """The command line in a process of its own: exit codes, one line on stderr, files written."""
 
 import json
+import subprocess
+import tomllib
 
 import lcm
 import numpy as np
@@ -32,6 +34,12 @@ def test_help_shows_an_example(inertiactl, command):
     result = inertiactl(command, "-h")
     assert result.returncode == 0
     assert f"Example: inertiactl {command}" in " ".join(result.stdout.split())
+
+
+def test_daemon_prints_the_packages_version():
+    project = tomllib.loads((TOP / "host/inertiad/pyproject.toml").read_text())["project"]
+    done = subprocess.run([TOP / "build/bin/inertiad", "--version"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"inertiad {project['version']}\n")
 
 
 def test_help_lists_the_commands(inertiactl):
@@ -66,6 +74,7 @@ def test_compile_writes_what_the_core_reads(inertiactl, tmp_path):
     assert inertiad_core.Config((tmp_path / "robot.cfg").read_bytes()).n_cables == 8
 
 
+@pytest.mark.slow
 def test_simulate_then_compile_the_run(inertiactl, tmp_path):
     run = tmp_path / "run"
     arguments = ["--trajectory", "hold", "--duration", "0.5", "--faults", "modern", "--seed", "7", "-o", run]
@@ -75,6 +84,7 @@ def test_simulate_then_compile_the_run(inertiactl, tmp_path):
     assert inertiactl("compile", run / "robot.toml", "-o", run / "robot.cfg").returncode == 0
 
 
+@pytest.mark.slow
 def test_encode_then_compile_the_run(inertiactl, tmp_path):
     robot, signals, tracker, run = (tmp_path / n for n in ("robot.toml", "signals.csv", "tracker.csv", "run"))
     robot.write_text(minimal_toml(4))

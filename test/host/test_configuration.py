@@ -3,6 +3,7 @@
 
 import re
 import zlib
+from functools import partial
 
 import cantools
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from conftest import COGIRO, TOP, minimal_toml
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import signal
 
 import inertiad_core
 from inertiad.base.error import InputError
@@ -22,6 +24,7 @@ from inertiad.run import encode
 from inertiad_lcm import robot_config_t
 
 TEXT = (COGIRO / "robot.toml").read_text()
+BODY = "[nominal]\nmass = 20\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0]\n"
 
 
 def compiled(path):
@@ -113,7 +116,7 @@ def test_prior_std_given_in_robot_toml_is_used(robot_file):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('f_3 = "FORCE_A.f_3"', "", 'signals.f_3: missing: allowed: f_3 = "MESSAGE.signal"'),
+        ('f_3 = "FORCE_A.f_3"', "", 'signals.f_3: missing; add f_3 = "MESSAGE.signal"'),
         ("FORCE_A.f_3", "FORCE_A.f3", 'signals.f_3 = "FORCE_A.f3": no such signal in platform.dbc'),
         ("FORCE_A.f_3", "FORC_A.f_3", 'signals.f_3 = "FORC_A.f_3": no such message'),
         ("FORCE_A.f_3", "bus1:FORCE_A.f_3", "bus: allowed: bus0 to bus0"),
@@ -180,3 +183,48 @@ def test_device_time_bound_as_counter_is_encoded_once(tmp_path):
     frames = encode.pack(dbc.bind(robot, "robot.toml"), Table(t, columns, "test"), t)
     ticks = [int.from_bytes(row[:4].tobytes(), "big") for f in frames if f.can_id == 0x10 for row in f.data]
     assert ticks == [1_000_000, 1_001_000]
+
+
+def test_force_offset_follows_the_tensions_unless_it_is_declared(robot_file):
+    declared, _ = compiled(robot_file(minimal_toml(4).replace("tension_max = 1000", "tension_max = 50")))
+    assert declared.std_force_offset == pytest.approx(0.05) and declared.std_force_gain == 5e-3
+    silent = minimal_toml(4).replace("tension_max = 1000", "") + BODY
+    nothing, _ = compiled(robot_file(silent))
+    assert nothing.std_force_offset == pytest.approx(0.1 * 20.0 * 9.81 / 4) and nothing.std_force_gain == 0.03
+    given, _ = compiled(robot_file(silent + "[std]\nforce_offset = 2.0\nforce_gain = 1e-3\n"))
+    assert given.std_force_offset == 2.0 and given.std_force_gain == 1e-3
+    assert given.std_force_offset_drift == pytest.approx(2.0 / np.sqrt(10800.0))
+
+
+def test_force_sensors_at_the_winch_are_allowed_more_friction(robot_file):
+    platform, _ = compiled(robot_file(minimal_toml(2)))
+    winch, _ = compiled(robot_file(minimal_toml(2).replace("[cables]\n", '[cables]\nforce_at = "winch"\n')))
+    assert (platform.cable[0].force_at, winch.cable[0].force_at, winch.cable[1].force_at) == (0, 1, 1)
+    assert platform.std_friction < winch.std_friction
+
+
+def test_attitude_is_fused_where_the_position_is_measured(robot_file):
+    fixed = '[position]\nsource = "fixed"\nfixed = [0, 0, 1]\n'
+    for extra, estimate in (("", 1), (fixed, 0), ('[attitude]\nestimate = "ahrs"\n', 0)):
+        config, _ = compiled(robot_file(minimal_toml(2) + extra))
+        assert config.attitude_estimate == estimate
+    with pytest.raises(InputError, match="needs a measured one"):
+        description.load(robot_file(minimal_toml(2) + fixed + '[attitude]\nestimate = "fused"\n'))
+
+
+@pytest.mark.parametrize("kind", ["bessel", "butterworth"])
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_delay_of_a_low_pass_is_its_phase_per_frequency(robot_file, kind, order):
+    low_pass = f'filter_force = {{ kind = "{kind}", order = {order}, cutoff = 10.0 }}\ndelay_force = 0.002\n'
+    config, _ = compiled(robot_file(minimal_toml(2) + "[align]\n" + low_pass))
+    design = {"bessel": partial(signal.bessel, norm="mag"), "butterworth": signal.butter}[kind]
+    b, a = design(order, 2.0 * np.pi * 10.0, analog=True)
+    w = 2.0 * np.pi * 0.1
+    phase = np.angle(signal.freqs(b, a, [w])[1][0])
+    assert config.delay[1] == pytest.approx(0.002 - phase / w, rel=1e-3)
+
+
+def test_delay_of_the_attitude_is_that_of_align_and_calibration(robot_file):
+    text = "[align]\ndelay_attitude = 0.02\n[calibration]\nattitude_delay = 0.003\n"
+    config, _ = compiled(robot_file(minimal_toml(2) + text))
+    assert config.delay_attitude == pytest.approx(0.023)

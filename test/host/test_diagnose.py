@@ -39,6 +39,7 @@ def test_good_data_have_no_finding(good: Recording) -> None:
     assert _findings(good) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [(3, 4), (1, 8)])
 def test_swapped_cables_are_named(good: Recording, pair: tuple[int, int]) -> None:
     order = np.arange(8)
@@ -59,25 +60,30 @@ def test_gravity_with_the_wrong_sign_is_named(good: Recording) -> None:
     assert "gravity has the wrong sign" in _findings(_with(good, acc=-good.rows.acc))
 
 
+@pytest.mark.slow
 def test_an_imu_upside_down_is_named(good: Recording) -> None:
     imu = good.robot.imu.model_copy(update={"orientation": [0.0, 1.0, 0.0, 0.0]})
     assert "upside down" in _findings(replace(good, robot=good.robot.model_copy(update={"imu": imu})))
 
 
+@pytest.mark.slow
 def test_an_accelerometer_in_g_is_named(good: Recording) -> None:
     assert "is it in g?" in _findings(_with(good, acc=good.rows.acc / 9.81))
 
 
+@pytest.mark.slow
 def test_a_gyro_in_degrees_is_named(good: Recording) -> None:
     assert "deg/s?" in _findings(_with(good, gyro=np.rad2deg(good.rows.gyro)))
 
 
+@pytest.mark.slow
 def test_a_slack_cable_is_named(good: Recording) -> None:
     f = good.rows.f.copy()
     f[200:400, 2] = 5.0 + 0.1 * np.arange(200)
     assert "cable 3 is slack" in _findings(_with(good, f=f))
 
 
+@pytest.mark.slow
 def test_a_saturated_sensor_is_named(good: Recording) -> None:
     f = good.rows.f.copy()
     f[:, 4] = np.minimum(f[:, 4], np.quantile(f[:, 4], 0.8))

@@ -18,6 +18,8 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
 import scenes  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 SAID = {
     "channels exchanged": "cables 3 and 4 look swapped: residual falls from",
     "forces in kN": "are the forces in kN?",

@@ -90,6 +90,7 @@ def layouts(draw):
     return Layout(text + "\n" + "\n".join(types) + "\n", signals, raw)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(layouts())
 def test_random_database_decodes_to_what_was_encoded(tmp_path_factory, layout):
@@ -222,7 +223,7 @@ def test_encode_bad_tracker_is_one_line(tmp_path, robot_file, tracker, message):
 def test_encode_without_position_is_refused(tmp_path, robot_file):
     path, robot = four(robot_file)
     (tmp_path / "signals.csv").write_text(GOOD)
-    with pytest.raises(InputError, match=r'position.source = "tracker": allowed: with --tracker'):
+    with pytest.raises(InputError, match=r'position.source = "tracker"; pass --tracker'):
         encode.encode(path, robot, tmp_path / "signals.csv", None, tmp_path / "run")
 
 

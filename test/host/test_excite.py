@@ -13,7 +13,7 @@ import inertiad_core
 from inertiad.base import body
 from inertiad.base.error import InputError
 from inertiad.excite import plan_file, planner, problem
-from inertiad.excite import request as asked
+from inertiad.excite import request as requests
 from inertiad.excite import search as searching
 from inertiad.excite.constraints import Checker
 from inertiad.identify import fisher_information
@@ -30,7 +30,7 @@ ROBOT = COGIRO / "robot.toml"
 def request_():
     robot = description.load(ROBOT)
     model = Model(robot, str(ROBOT), robot.nominal)
-    limits = asked.limits_from(model, None, 30.0, 35.0, 4.0, 2.0)
+    limits = requests.limits_from(model, None, 30.0, 35.0, 4.0, 2.0)
     start = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
     return planner.Request(Checker(model, limits), start, n_starts=2)
 
@@ -73,6 +73,7 @@ def test_gradient_is_that_of_the_lagrangian(request_, criterion):
     assert (values[0] - values[1]) / (2 * step) == pytest.approx(float(np.sum(gradient * along)), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, best):
     checker, path = request_.checker, trajectory.paper()
     t = fisher_information.sample_times(path)
@@ -92,6 +93,7 @@ def test_best_of_12_s_beats_the_paper_at_equal_time_and_random_series(request_, 
     assert p.cost(checker.model.windows(motion, f, 100.0))[0] + doubled < min(costs)
 
 
+@pytest.mark.slow
 def test_motion_keeps_every_limit_and_rests_at_both_ends(request_, best):
     t = np.arange(0.0, best.path.duration, 0.013)
     motion = best.path.at(t)
@@ -108,6 +110,7 @@ def test_motion_keeps_every_limit_and_rests_at_both_ends(request_, best):
         assert np.abs(values).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_motion_driven_on_elastic_cables_keeps_the_tensions(best):
     moved = best.driven
     assert moved.duration == best.path.duration
@@ -126,6 +129,7 @@ def test_motion_that_breaks_a_tension_when_driven_is_refused(request_):
         planner.driven(Checker(model, checker.limits), trajectory.paper(), "paper")
 
 
+@pytest.mark.slow
 def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best, tmp_path):
     plan_file.write_csv(tmp_path / "x.csv", request_, best)
     data = np.genfromtxt(tmp_path / "x.csv", delimiter=",", names=True)
@@ -137,6 +141,7 @@ def test_file_is_what_simulate_reads_and_derivatives_belong_to_it(request_, best
     assert np.abs(back.R - R).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_path):
     plan_file.write_csv(tmp_path / "x.csv", request_, best)
     reported = []
@@ -149,6 +154,7 @@ def test_prediction_is_what_the_daemon_reports(inertiactl, request_, best, tmp_p
     assert np.all((ratio > 1 / 1.3) & (ratio < 1.3)), ratio
 
 
+@pytest.mark.slow
 def test_same_seed_same_motion(request_):
     p = problem_of(request_, duration=5.0)
     a, b = (searching.search(p, 3, 0) for _ in range(2))
@@ -156,6 +162,7 @@ def test_same_seed_same_motion(request_):
     assert np.array_equal(a[1], b[1])
 
 
+@pytest.mark.slow
 def test_poses_at_rest_tell_mass_and_cog(request_):
     plan = planner.static_poses(request_, 5, 2.0, lambda step: None)
     prior = request_.checker.model.prior_sigma()
@@ -164,19 +171,20 @@ def test_poses_at_rest_tell_mass_and_cog(request_):
 
 
 def test_paper_there_and_back(tmp_path):
-    _, plan = asked.plan(ROBOT, asked.Asked(motion="paper"), 1, 0, lambda step: None)
+    _, plan = requests.plan(ROBOT, requests.Arguments(motion="paper"), 1, 0, lambda step: None)
     start, end = trajectory.PAPER_PAIRS[0]
     middle = plan.path.at(np.array([0.0, 0.5 * plan.path.duration])).p
     assert np.allclose(middle, [start[:3], end[:3]])
 
 
+@pytest.mark.slow
 def test_unreachable_sigma_names_what_limits_it(request_, best):
-    wanted = asked.wanted_sigma("mass=0.01%", request_.checker.model)
+    wanted = requests.wanted_sigma("mass=0.01%", request_.checker.model)
     assert "[std] force_gain = 0.005" in planner._out_of_reach(request_.checker.model, best, wanted)
 
 
 def test_wanted_sigma_in_units(request_):
-    wanted = asked.wanted_sigma("mass=0.2%,cog=1mm", request_.checker.model)
+    wanted = requests.wanted_sigma("mass=0.2%,cog=1mm", request_.checker.model)
     assert wanted[:4] == pytest.approx([0.322116, 1e-3, 1e-3, 1e-3])
     assert np.all(np.isinf(wanted[4:]))
 
@@ -184,26 +192,26 @@ def test_wanted_sigma_in_units(request_):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (asked.Asked(duration=0.0), "--duration 0: allowed: 5 to 600 s"),
-        (asked.Asked(box="1,1,1,0,2,2"), "allowed: every minimum below its maximum"),
-        (asked.Asked(box="1,1"), "allowed: 6 numbers"),
-        (asked.Asked(start="7,5,5,0,0,0"), "start pose: no rest within the limits: tension_min of cable"),
-        (asked.Asked(start="0,0,2,50,0,0"), "start pose: no rest within the limits: tilt"),
-        (asked.Asked(sigma="mass=3"), "allowed: mass=0.2% or kg"),
-        (asked.Asked(criterion="E"), "allowed: A, D"),
-        (asked.Asked(motion="circle"), "allowed: optimal, paper"),
-        (asked.Asked(motion="optimum"), "allowed: optimal, paper; did you mean optimal?"),
+        (requests.Arguments(duration=0.0), "--duration 0: allowed: 5 to 600 s"),
+        (requests.Arguments(box="1,1,1,0,2,2"), "allowed: every minimum below its maximum"),
+        (requests.Arguments(box="1,1"), "allowed: 6 numbers"),
+        (requests.Arguments(start="7,5,5,0,0,0"), "start pose: no rest within the limits: tension_min of cable"),
+        (requests.Arguments(start="0,0,2,50,0,0"), "start pose: no rest within the limits: tilt"),
+        (requests.Arguments(sigma="mass=3"), "allowed: mass=0.2% or kg"),
+        (requests.Arguments(criterion="E"), "allowed: A, D"),
+        (requests.Arguments(motion="circle"), "allowed: optimal, paper"),
+        (requests.Arguments(motion="optimum"), "allowed: optimal, paper; did you mean optimal?"),
         (
-            asked.Asked(start="0.3,0.3,2,0,0,0", box="1,1,1,2,2,2"),
+            requests.Arguments(start="0.3,0.3,2,0,0,0", box="1,1,1,2,2,2"),
             "start pose: no rest within the limits: least x of the box",
         ),
-        (asked.Asked(acceleration=1e-4, motion="paper"), "keeps the limits of speed and acceleration"),
-        (asked.Asked(motion="paper", end="6,5,5,0,0,0"), "pose 2: no rest within the limits"),
+        (requests.Arguments(acceleration=1e-4, motion="paper"), "keeps the limits of speed and acceleration"),
+        (requests.Arguments(motion="paper", end="6,5,5,0,0,0"), "pose 2: no rest within the limits"),
     ],
 )
 def test_what_cannot_be_done_is_said(words, message):
     with pytest.raises(InputError) as error:
-        asked.plan(ROBOT, words, 1, 0, lambda step: None)
+        requests.plan(ROBOT, words, 1, 0, lambda step: None)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -213,7 +221,7 @@ def test_anchors_below_the_platform(robot_file):
     for height in ("5.3928", "5.4009", "5.3987", "5.4106", "5.4080", "5.4182", "5.3878", "5.3975"):
         text = text.replace(f"{height}]", f"-{height}]")
     with pytest.raises(InputError, match="every anchor is below the platform"):
-        asked.plan(robot_file(text), asked.Asked(), 1, 0, lambda step: None)
+        requests.plan(robot_file(text), requests.Arguments(), 1, 0, lambda step: None)
 
 
 BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0]\n"
@@ -222,13 +230,13 @@ BODY = "\n[nominal]\nmass = 10\ncog = [0, 0, 0]\ninertia_cog = [1, 1, 1, 0, 0, 0
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (BODY, "4 cables leave 2 of 6 degrees of freedom free, .*: allowed: excite --poses N"),
+        (BODY, "4 cables leave 2 of 6 degrees of freedom free, .*; use excite --poses N"),
         ("", r"no \[nominal\] body"),
     ],
 )
 def test_four_cables_or_no_body(robot_file, extra, message):
     with pytest.raises(InputError, match=message):
-        asked.plan(robot_file(minimal_toml(4, extra)), asked.Asked(), 1, 0, lambda step: None)
+        requests.plan(robot_file(minimal_toml(4, extra)), requests.Arguments(), 1, 0, lambda step: None)
 
 
 FOUR = MINIMAL + "".join(
@@ -238,9 +246,10 @@ FOUR += BODY.replace("cog = [0, 0, 0]", "cog = [0.03, -0.02, -0.1]")
 """Four cables that do not all point to one place, so that a millimetre leaves none of them slack."""
 
 
+@pytest.mark.slow
 def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
     file = robot_file(FOUR)
-    request, plan = asked.plan(file, asked.Asked(poses=3, hold=1.5), 1, 0, lambda step: None)
+    request, plan = requests.plan(file, requests.Arguments(poses=3, hold=1.5), 1, 0, lambda step: None)
     assert plan.remarks[0].startswith("4 cables leave 2 of 6 degrees of freedom free")
     assert np.abs(plan.driven.motion.omega).max() > 0.05
     assert plan.driven.f.min() >= 1.0
@@ -263,11 +272,12 @@ def test_four_cables_get_rests_between_which_they_swing(robot_file, tmp_path):
 
 
 def test_four_cables_that_hang_nowhere_in_the_box(robot_file):
-    words = asked.Asked(poses=3, box="-0.1,-0.1,2.95,0.1,0.1,2.99")
+    words = requests.Arguments(poses=3, box="-0.1,-0.1,2.95,0.1,0.1,2.99")
     with pytest.raises(InputError, match="4 cables: nowhere in the box does the platform hang at rest"):
-        asked.plan(robot_file(FOUR), words, 1, 0, lambda step: None)
+        requests.plan(robot_file(FOUR), words, 1, 0, lambda step: None)
 
 
+@pytest.mark.slow
 def test_command_writes_plan_prediction_and_picture(inertiactl, tmp_path):
     files = ["-o", tmp_path / "p.csv", "--picture", tmp_path / "p.png"]
     result = inertiactl("excite", ROBOT, "--motion", "paper", *files)

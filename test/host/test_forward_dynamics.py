@@ -249,7 +249,7 @@ def test_paper_motion_is_followed_within_the_limits(cogiro, plant):
     assert found.n_infeasible == 0
     assert found.f.min() >= 100.0
     assert found.f.max() <= 5000.0
-    assert forward_dynamics.spoken(found, cogiro)[0].startswith("P at most")
+    assert forward_dynamics.summary(found, cogiro)[0].startswith("P at most")
 
 
 def test_wrong_mass_in_the_controller_is_balanced_by_its_integral(cogiro):
@@ -300,7 +300,7 @@ def test_limits_out_of_reach_are_reported_with_time_and_cable(cogiro):
     robot = cogiro.model_copy(update={"cable": cables})
     found = moved(robot, trajectory.paper(), Plant(), body=cogiro.nominal)
     assert found.n_infeasible > 0
-    lines = forward_dynamics.spoken(found, robot)
+    lines = forward_dynamics.summary(found, robot)
     assert "commands had no tensions within the limits" in lines[-1]
 
 

@@ -17,6 +17,8 @@ from inertiad.identify import two_step
 from inertiad.model import trajectory
 from inertiad.report import reproduction
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found() -> Reproduction:

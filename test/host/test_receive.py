@@ -19,14 +19,6 @@ FRAME = struct.pack("=IBBBB64s", 0x123, 8, 0, 0, 0, bytes(64))
 PORT = 29501  # of vcan0
 
 
-@pytest.fixture(scope="module")
-def can_over_udp(tmp_path_factory) -> Path:
-    library = tmp_path_factory.mktemp("can_over_udp") / "can_over_udp.so"
-    source = TOP / "test/host/can_over_udp.c"
-    subprocess.run(["cc", "-std=gnu11", "-O2", "-shared", "-fPIC", "-o", library, source], check=True)
-    return library
-
-
 @pytest.fixture
 def robot(robot_file) -> Path:
     """CoGiRo in one place: it needs no tracker."""

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
-from inertiad.live import record, tracker_protocols
+from inertiad.live import byte_sources, record, tracker_protocols
 from inertiad.live.tracker_protocols import Layout, Parser, Sample
 from inertiad.run import lcmlog, tracker_csv
 from inertiad_lcm import tracker_t
@@ -57,6 +57,7 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "source", "sink", "options"),
     [
@@ -120,6 +121,7 @@ sys.exit(recorder.wait())
 """
 
 
+@pytest.mark.slow
 def test_commanded_pose_at_833_Hz_is_recorded_to_the_last(tmp_path):
     command = [*ISOLATED, sys.executable, "-c", POSES, str(tmp_path / "run")]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=TOP)
@@ -129,6 +131,7 @@ def test_commanded_pose_at_833_Hz_is_recorded_to_the_last(tmp_path):
     assert {e.channel for e in events} == {"INERTIAD_POSE"}
 
 
+@pytest.mark.slow
 def test_full_disk_is_said_and_leaves_a_run_readable_to_there(run, tmp_path):
     out = tmp_path / "recorded"
     arguments = [run, out, "text", "udp:5032", "udp:127.0.0.1:5032", "[]", json.dumps(["prlimit", "--fsize=9000"])]
@@ -316,7 +319,7 @@ def test_beam_lost_is_published_as_not_valid():
 # ---- where bytes come from -------------------------------------------------------------------------------------------
 
 
-def drain(source: record.Input, n: int) -> bytes:
+def drain(source: byte_sources.Input, n: int) -> bytes:
     data = b""
     for _ in range(200):
         data += b"".join(d for d, _ in source.receive())
@@ -326,7 +329,7 @@ def drain(source: record.Input, n: int) -> bytes:
 
 
 def test_second_sender_is_counted_and_left_out():
-    source = record.open_input("udp:127.0.0.1:5011")
+    source = byte_sources.open_input("udp:127.0.0.1:5011")
     first, second = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
     for link, text in ((first, b"a"), (second, b"b"), (first, b"c")):
         link.sendto(text, ("127.0.0.1", 5011))
@@ -337,9 +340,9 @@ def test_second_sender_is_counted_and_left_out():
 
 @pytest.mark.parametrize(("patience", "said"), [("SILENT", b"1"), ("START", b"")])
 def test_peer_that_hangs_or_goes_is_connected_anew(monkeypatch, patience, said):
-    monkeypatch.setattr(record, patience, 0.3)
+    monkeypatch.setattr(byte_sources, patience, 0.3)
     server = socket.create_server(("127.0.0.1", 0))
-    source = record.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+    source = byte_sources.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
 
     def serve() -> None:
         hanging, _ = server.accept()
@@ -357,9 +360,9 @@ def test_peer_that_hangs_or_goes_is_connected_anew(monkeypatch, patience, said):
 
 
 def test_peer_that_is_slow_to_begin_does_not_hang(monkeypatch):
-    monkeypatch.setattr(record, "SILENT", 0.3)
+    monkeypatch.setattr(byte_sources, "SILENT", 0.3)
     server = socket.create_server(("127.0.0.1", 0))
-    source = record.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+    source = byte_sources.open_input(f"tcp:127.0.0.1:{server.getsockname()[1]}")
     assert source.receive() == []
     link, _ = server.accept()
     later = threading.Timer(1.0, link.sendall, (b"1",))
@@ -373,14 +376,14 @@ def test_peer_that_is_slow_to_begin_does_not_hang(monkeypatch):
 
 UNPLUGGED = """
 import socket, subprocess, time
-from inertiad.live import record
+from inertiad.live import byte_sources
 server = socket.create_server(("127.0.0.1", 5014))
-source = record.open_input("tcp:127.0.0.1:5014")
+source = byte_sources.open_input("tcp:127.0.0.1:5014")
 link = server.accept()[0] if source.receive() == [] else None
 link.sendall(b"1")
 assert source.receive() == [(b"1", False)]
 subprocess.run(["ip", "link", "set", "lo", "down"], check=True)
-end = time.monotonic() + 0.8 * record.SILENT
+end = time.monotonic() + 0.8 * byte_sources.SILENT
 while source.is_connected and time.monotonic() < end:
     source.receive()
 assert not source.is_connected
@@ -395,7 +398,7 @@ def test_pulled_plug_is_noticed_before_silence_is_taken_for_a_hang():
 
 def test_serial_line():
     master, slave = os.openpty()
-    source = record.open_input(f"serial:{os.ttyname(slave)}@115200")
+    source = byte_sources.open_input(f"serial:{os.ttyname(slave)}@115200")
     source.receive()
     os.write(master, b"1,2,3,4\n")
     assert drain(source, 8).strip() == b"1,2,3,4"
@@ -411,6 +414,7 @@ def test_full_disk_is_said_and_does_not_stop(tmp_path):
     assert writer.n_failed > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

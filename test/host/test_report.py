@@ -19,6 +19,8 @@ from inertiad.report import document, figure, interactive, page, printed, report
 from inertiad.report.report_data import Facts
 from inertiad.run import lcmlog, reader
 
+pytestmark = pytest.mark.slow
+
 SIGNALS = ("acc_x", "acc_y", "acc_z", "gyro_x", "gyro_y", "gyro_z", "q_w", "q_x", "q_y", "q_z")
 BROKEN = 2
 """index of the cable whose sensor is spoilt"""
@@ -202,7 +204,7 @@ def test_run_that_tells_little_gets_words_and_no_empty_figure(good, tmp_path, da
 
 
 def test_what_is_not_a_run_is_refused_in_one_line(tmp_path: Path) -> None:
-    for path, words in ((tmp_path / "nothing", "No such file"), (tmp_path, "robot.toml: not there")):
+    for path, words in ((tmp_path / "nothing", "No such file"), (tmp_path, "robot.toml: not found")):
         result = inertiactl("report", path)
         assert result.returncode == 2 and words in result.stderr and result.stderr.count("\n") == 1
 

@@ -38,6 +38,7 @@ def positions(t: np.ndarray, late: float, dice: np.random.Generator) -> np.ndarr
     return m.p + m.R @ LEVER + NOISE * dice.standard_normal((len(t), 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.0173, -0.12, 0.0004])
 def test_delay_is_found_within_its_bar(late):
     dice = np.random.default_rng(7)
@@ -49,6 +50,7 @@ def test_delay_is_found_within_its_bar(late):
     assert found.tracker_noise == pytest.approx(NOISE, rel=0.05)
 
 
+@pytest.mark.slow
 def test_gaps_of_tracker_and_imu_cost_certainty_not_truth():
     dice = np.random.default_rng(8)
     t_imu, t = np.arange(0.0, 16.0, 0.01), np.arange(0.0, 16.0, 1.0 / 238.0)
@@ -62,6 +64,7 @@ def test_gaps_of_tracker_and_imu_cost_certainty_not_truth():
         assert found.value == pytest.approx(late, abs=3.0 * found.std)
 
 
+@pytest.mark.slow
 def test_platform_at_rest_tells_no_delay():
     dice = np.random.default_rng(9)
     t_imu, t = np.arange(0.0, 8.0, 0.01), np.arange(0.0, 8.0, 0.01)
@@ -103,6 +106,7 @@ def run(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_sync_finds_delays_edges_clock_and_cost(run, tmp_path):
     result = inertiactl_("sync", run, "--json", tmp_path / "sync.json")
     assert result.returncode == 0, result.stderr
@@ -153,7 +157,7 @@ def test_run_without_a_source_is_one_line(run, tmp_path, name):
         (tmp_path / other).write_bytes((run / other).read_bytes())
     result = inertiactl_("sync", tmp_path)
     assert result.returncode == 2
-    assert f"{name}: not there: allowed: a run folder" in result.stderr and len(result.stderr.splitlines()) == 1
+    assert f"{name}: not found; pass a run folder" in result.stderr and len(result.stderr.splitlines()) == 1
 
 
 # ---- clocks ----------------------------------------------------------------------------------------------------------

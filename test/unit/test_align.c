@@ -55,10 +55,12 @@ static void assert_row_is_of(double t)
     TEST_ASSERT_EQUAL_DOUBLE(t, row.gyro[2]);
 }
 
+/// Rows with force and position.
 static int pop_all(void)
 {
     int n = 0;
     while (ipe_align_pop(&align, &row) == IPE_OK) {
+        if (!row.has_force || !row.has_position) { continue; }
         assert_row_is_of(1e-9 * (double)row.t_ns);
         ++n;
     }
@@ -135,7 +137,7 @@ static void test_pop_waits_no_longer_than_max_wait(void)
     TEST_ASSERT_EQUAL_UINT64(28, align.ring[IPE_IMU].cursor);
 }
 
-static void test_pop_across_gap_drops_rows_and_counts(void)
+static void test_pop_across_gap_rows_lack_the_sensor_and_are_counted(void)
 {
     for (int k = 0; k <= 30; ++k) {  // given: forces absent from 11 to 19 ms, max_age 6 ms
         (void)push_imu(k * MS);
@@ -147,7 +149,7 @@ static void test_pop_across_gap_drops_rows_and_counts(void)
     TEST_ASSERT_EQUAL_UINT64(0, align.n_missing[IPE_POSITION]);
 }
 
-static void test_pop_before_first_sample_of_a_sensor_drops_rows(void)
+static void test_pop_before_first_sample_of_a_sensor_rows_lack_it(void)
 {
     for (int k = 0; k <= 30; ++k) {  // given: position starts at 10 ms
         (void)push_imu(k * MS);
@@ -208,7 +210,7 @@ static void test_pop_result_does_not_depend_on_order_of_pushing(void)
     static ipe_row_t one_by_one[100], in_blocks[100];    // given
     const int n = rows_pushed_in_blocks(1, one_by_one);  // when
     const int m = rows_pushed_in_blocks(10, in_blocks);
-    TEST_ASSERT_EQUAL_INT(99, n);                        // then: all but the one before the first force
+    TEST_ASSERT_EQUAL_INT(100, n);                       // then
     TEST_ASSERT_EQUAL_INT(n, m);
     TEST_ASSERT_EQUAL_MEMORY(one_by_one, in_blocks, sizeof one_by_one[0] * (size_t)n);
 }
@@ -226,8 +228,11 @@ static void test_pop_after_end_lets_last_rows_out(void)
 
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_pop(&align, &row));  // then: one will do, none will not
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 7.0 * quadratic(0.0095), row.f[7]);
-    TEST_ASSERT_EQUAL_INT(IPE_NOT_READY, ipe_align_pop(&align, &row));
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_align_pop(&align, &row));
+    TEST_ASSERT_FALSE(row.has_force);
+    TEST_ASSERT_FALSE(row.has_position);
     TEST_ASSERT_EQUAL_UINT64(1, align.n_late[IPE_FORCE]);
+    TEST_ASSERT_EQUAL_INT(IPE_NOT_READY, ipe_align_pop(&align, &row));
 }
 
 static void test_push_time_backwards_is_refused_and_counted(void)
@@ -419,45 +424,43 @@ static int rest_with_gap(int64_t gap_ms)
         if (t % 4 == 0 && (t <= 2000 || t >= 2000 + gap_ms)) {
             (void)ipe_align_push(&align, IPE_POSITION, t * MS, position);
         }
-        for (; ipe_align_pop(&align, &row) == IPE_OK; ++n) { TEST_ASSERT_DOUBLE_WITHIN(1e-3, 3.0, row.position[2]); }
+        for (; ipe_align_pop(&align, &row) == IPE_OK; ++n) {
+            TEST_ASSERT_EQUAL_DOUBLE(row.has_position ? 3.0 : 0.0, row.position[2]);
+        }
     }
     return n;
 }
 
-static void test_pop_longer_gap_never_makes_fewer_carried_or_lost(void)
+static void test_pop_gap_of_the_tracker_leaves_rows_without_position(void)
 {
-    config.max_carry = 0.3;
-    uint64_t carried = 0, lost = 0;
-    for (int64_t gap = 0; gap <= 1000; gap += 8) {  // given, when
+    for (int64_t gap = 4; gap <= 1000; gap += 8) {  // given, when
         const int n = rest_with_gap(gap);
-        const uint64_t missing = align.n_missing[IPE_POSITION] + align.n_late[IPE_POSITION];
+        const uint64_t waiting = align.ring[IPE_IMU].head - align.ring[IPE_IMU].cursor;
+        const uint64_t expected = gap <= 6 ? 0 : (uint64_t)gap - (gap % 4 == 0 ? 1 : 0);
         TEST_ASSERT_EQUAL_UINT64((uint64_t)n, align.n_rows);  // then
-        TEST_ASSERT_EQUAL_UINT64(align.n_samples[IPE_IMU],
-                                 align.n_rows + missing + align.ring[IPE_IMU].head - align.ring[IPE_IMU].cursor);
-        TEST_ASSERT_GREATER_OR_EQUAL_UINT64(carried, align.n_carried);
-        TEST_ASSERT_GREATER_OR_EQUAL_UINT64(lost, missing);
-        carried = align.n_carried;
-        lost = missing;
+        TEST_ASSERT_EQUAL_UINT64(align.n_samples[IPE_IMU], align.n_rows + waiting);
+        TEST_ASSERT_EQUAL_UINT64(expected, align.n_missing[IPE_POSITION] + align.n_late[IPE_POSITION]);
     }
-    TEST_ASSERT_EQUAL_UINT64(300, carried);  // of the last gap, 2001 .. 2300 ms
-    TEST_ASSERT_EQUAL_UINT64(699, lost);     // and 2301 .. 2999
 }
 
-static void test_pop_without_max_carry_nothing_is_carried(void)
+static void test_pop_position_is_new_once_per_tracker_sample(void)
 {
-    (void)rest_with_gap(500);
-    TEST_ASSERT_EQUAL_UINT64(0, align.n_carried);
-    TEST_ASSERT_EQUAL_UINT64(499, align.n_missing[IPE_POSITION] + align.n_late[IPE_POSITION]);
+    int n_new = 0, n = 0;
+    for (int k = 0; k <= 400; ++k) {  // given: tracker every 4 ms
+        (void)push_imu(k * MS);
+        (void)push_force(k * MS);
+        if (k % 4 == 0) { (void)push_position(k * MS); }
+        for (; ipe_align_pop(&align, &row) == IPE_OK; ++n) { n_new += row.is_position_new; }  // when
+    }
+    TEST_ASSERT_EQUAL_INT((n + 3) / 4, n_new);                                                // then
 }
 
 static void test_pop_full_ring_waits_no_longer(void)
 {
     config.max_wait = 10.0;  // given: longer than the ring
-    config.max_carry = 2.0;
     (void)rest_with_gap(1500);
     TEST_ASSERT_EQUAL_UINT64(0, align.n_overrun);
-    TEST_ASSERT_EQUAL_UINT64(0, align.n_late[IPE_POSITION]);
-    TEST_ASSERT_EQUAL_UINT64(1499, align.n_carried);
+    TEST_ASSERT_EQUAL_UINT64(1499, align.n_missing[IPE_POSITION] + align.n_late[IPE_POSITION]);
 }
 
 static void test_push_imu_alone_overruns_and_counts(void)
@@ -465,7 +468,7 @@ static void test_push_imu_alone_overruns_and_counts(void)
     config.max_wait = 10.0;                                              // given: nothing else ever comes
     ipe_align_init(&align, &config);
     for (int k = 0; k < IPE_RING + 30; ++k) { (void)push_imu(k * MS); }  // when
-    TEST_ASSERT_EQUAL_INT(IPE_NOT_READY, ipe_align_pop(&align, &row));
+    TEST_ASSERT_EQUAL_INT(0, pop_all());
     TEST_ASSERT_EQUAL_UINT64(30, align.n_overrun);                       // then
     TEST_ASSERT_EQUAL_UINT64(IPE_RING + 30, align.n_samples[IPE_IMU]);
 }
@@ -476,13 +479,13 @@ int main(void)
     RUN_TEST(test_pop_quadratic_signals_of_other_rates_are_interpolated_exactly);
     RUN_TEST(test_pop_uneven_sampling_is_interpolated_exactly);
     RUN_TEST(test_pop_same_instant_takes_sample_as_it_is);
-    RUN_TEST(test_pop_longer_gap_never_makes_fewer_carried_or_lost);
-    RUN_TEST(test_pop_without_max_carry_nothing_is_carried);
+    RUN_TEST(test_pop_gap_of_the_tracker_leaves_rows_without_position);
+    RUN_TEST(test_pop_position_is_new_once_per_tracker_sample);
     RUN_TEST(test_pop_full_ring_waits_no_longer);
     RUN_TEST(test_pop_waits_for_slow_sensor);
     RUN_TEST(test_pop_waits_no_longer_than_max_wait);
-    RUN_TEST(test_pop_across_gap_drops_rows_and_counts);
-    RUN_TEST(test_pop_before_first_sample_of_a_sensor_drops_rows);
+    RUN_TEST(test_pop_across_gap_rows_lack_the_sensor_and_are_counted);
+    RUN_TEST(test_pop_before_first_sample_of_a_sensor_rows_lack_it);
     RUN_TEST(test_pop_fixed_position_needs_no_position_sensor);
     RUN_TEST(test_pop_delays_are_taken_off_the_stamps);
     RUN_TEST(test_pop_result_does_not_depend_on_order_of_pushing);

@@ -65,6 +65,7 @@ static const struct {
     {AT(max_age[2]), 0.0, "max_age[2] = 0: allowed 1e-06 .. 10 s"},
     {AT(max_carry), -0.1, "max_carry = -0.1: allowed 0 .. 10 s"},
     {AT(delay[1]), -1.5, "delay[1] = -1.5: allowed -1 .. 1 s"},
+    {AT(delay_attitude), 1.5, "delay_attitude = 1.5: allowed -1 .. 1 s"},
     {AT(acc_bias[0]), 30.0, "acc_bias[0] = 30: allowed -20 .. 20 m/s2"},
     {AT(gyro_bias[0]), 2.0, "gyro_bias[0] = 2: allowed -1 .. 1 rad/s"},
     {AT(attitude_bias[0]), 2.0, "attitude_bias[0] = 2: allowed -1 .. 1 rad"},
@@ -82,6 +83,12 @@ static const struct {
     {AT(std_force_delay), -1.0, "std_force_delay = -1: allowed 0 .. 1e+06 SI"},
     {AT(std_position_delay), -1.0, "std_position_delay = -1: allowed 0 .. 1e+06 SI"},
     {AT(std_geometry), 1e7, "std_geometry = 10000000: allowed 0 .. 1e+06 SI"},
+    {AT(std_tracker_target), -1.0, "std_tracker_target = -1: allowed 0 .. 1e+06 SI"},
+    {AT(std_attitude_delay), NAN, "std_attitude_delay = nan: allowed 0 .. 1e+06 SI"},
+    {AT(std_friction), -1.0, "std_friction = -1: allowed 0 .. 1e+06 SI"},
+    {AT(std_force_offset_drift), -1.0, "std_force_offset_drift = -1: allowed 0 .. 1e+06 SI"},
+    {AT(std_acc_scale), -1.0, "std_acc_scale = -1: allowed 0 .. 1e+06 SI"},
+    {AT(std_gyro_scale), -1.0, "std_gyro_scale = -1: allowed 0 .. 1e+06 SI"},
     {AT(window_length), 0.0, "window_length = 0: allowed 0.01 .. 10 s"},
     {AT(residual_covariance[2][2]), -4.0, "residual_covariance = 4: must be positive definite"},
     {AT(residual_covariance[2][1]), 0.5, "residual_covariance[13] = 0.5: must be symmetric"},
@@ -111,6 +118,8 @@ static const struct {
     {AT(n_cables), 0, "n_cables = 0: allowed 1 .. 16 "},
     {AT(n_cables), 17, "n_cables = 17: allowed 1 .. 16 "},
     {AT(attitude_source), 0, "attitude_source = 0: allowed 1 .. 2 "},
+    {AT(attitude_estimate), 2, "attitude_estimate = 2: allowed 0 .. 1 (fused needs a measured position)"},
+    {AT(cable[3].force_at), 2, "cable.force_at[3] = 2: allowed 0 .. 1 "},
     {AT(position_source), 3, "position_source = 3: allowed 0 .. 2 "},
     {AT(n_signals), 0, "n_signals = 0: allowed 1 .. 64 "},
     {AT(n_signals), 65, "n_signals = 65: allowed 1 .. 64 "},
@@ -143,6 +152,14 @@ static void test_check_integer_out_of_range_is_refused_by_name_value_and_range(v
         memcpy((char*)&config + INTEGER[i].at, &INTEGER[i].value, sizeof(int32_t));
         check_refused(INTEGER[i].message);  // when, then
     }
+}
+
+static void test_check_fused_attitude_with_a_fixed_position_is_refused(void)
+{
+    config.attitude_estimate = IPE_ATTITUDE_FUSED;  // given
+    TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_config_check(&config, message, sizeof message));
+    config.position_source = IPE_POSITION_FIXED;
+    check_refused("attitude_estimate = 1: allowed 0 .. 0 (fused needs a measured position)");  // when, then
 }
 
 static void test_check_motorola_signal_past_its_frame_is_refused(void)
@@ -191,6 +208,7 @@ int main(void)
     RUN_TEST(test_check_good_robot_is_accepted_and_says_nothing);
     RUN_TEST(test_check_real_out_of_range_is_refused_by_name_value_and_range);
     RUN_TEST(test_check_integer_out_of_range_is_refused_by_name_value_and_range);
+    RUN_TEST(test_check_fused_attitude_with_a_fixed_position_is_refused);
     RUN_TEST(test_check_motorola_signal_past_its_frame_is_refused);
     RUN_TEST(test_check_one_to_sixteen_cables_are_accepted);
     RUN_TEST(test_check_first_fault_is_the_one_told);

@@ -46,7 +46,7 @@ static void test_settings_geometry_among_them_means_a_new_start(void)
 /// A field that the table forgets would be changed without anyone being told.
 static void test_settings_every_byte_but_the_holes_is_compared(void)
 {
-    enum { HOLES = 8 };  // after n_cables and n_signals
+    enum { HOLES = 12 };  // after n_cables, position_source and n_signals
     int n_unseen = 0;
     for (size_t i = 0; i < sizeof a; ++i) {
         ((unsigned char*)&b)[i] ^= 1;

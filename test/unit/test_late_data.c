@@ -24,6 +24,7 @@ typedef struct {
     int n_rows;
     uint64_t digest;  ///< of all rows, FNV-1a
     ipe_estimate_t estimate;
+    ipe_lateness_t position, force;
     uint64_t n_carried;
 } outcome_t;
 
@@ -125,7 +126,9 @@ static outcome_t play(const scene_t* scene, int n)
     ipe_pipeline_flush(&pipeline);
     drain(&o);
     o.estimate = pipeline.estimator.estimate;
-    o.n_carried = pipeline.align.n_carried;
+    o.position = ipe_align_lateness(&pipeline.align, IPE_POSITION);
+    o.force = ipe_align_lateness(&pipeline.align, IPE_FORCE);
+    o.n_carried = pipeline.motion.n_carried;
     return o;
 }
 
@@ -165,7 +168,11 @@ static void check_rates(double max_wait, const double* share, int n_shares)
             const outcome_t late = play(&position, n), late_force = play(&force, n);
             check_same(&on_time, &late, name);
             check_same(&on_time, &late_force, name);
-            TEST_ASSERT_EQUAL_UINT64_MESSAGE(on_time.n_carried, late.n_carried, name);
+            TEST_ASSERT_EQUAL_UINT64_MESSAGE(0, late.position.n_too_late + late_force.force.n_too_late, name);
+            TEST_ASSERT_INT64_WITHIN_MESSAGE((uint64_t)(2 * NS / hz), late_ns, late.position.largest_ns, name);
+            const int64_t held_ns = IPE_SAMPLE_TIMING_HOLD * NS / hz;  // until the timing of untimed samples is known
+            TEST_ASSERT_TRUE_MESSAGE(late_force.force.largest_ns >= late_ns - NS / hz, name);
+            TEST_ASSERT_TRUE_MESSAGE(late_force.force.largest_ns <= late_ns + held_ns, name);
             config.delay[IPE_FORCE] = 0.0;
             if (getenv("TABLE") != NULL) {
                 (void)fprintf(stderr, "| %d | %d | %.3f | %d | %.12g | %.12g |\n", hz, RATE[r].position_hz,
@@ -188,14 +195,14 @@ static void test_late_by_less_than_the_longest_max_wait_gives_the_same_rows_and_
     check_rates(0.5, share, 2);
 }
 
-static void test_later_than_max_wait_goes_on_with_the_carried_position(void)
+static void test_later_than_max_wait_is_counted_with_its_lateness(void)
 {
-    const scene_t prompt = {1000, 250, 0, 0}, scene = {1000, 250, 400 * (NS / 1000), 0};
+    const scene_t scene = {1000, 250, 400 * (NS / 1000), 0};
     for (int k = 0; k < 6000; ++k) { sample[k] = ideal_at(&config, 1e-3 * k, truth); }
-    const outcome_t on_time = play(&prompt, 6000), late = play(&scene, 6000);  // given: 0.4 s late; when
-    TEST_ASSERT_TRUE(on_time.n_carried < 4);  // past the last position                             // then
-    TEST_ASSERT_TRUE(late.digest != on_time.digest);
-    TEST_ASSERT_GREATER_THAN_UINT64(100, pipeline.align.n_carried + pipeline.align.n_late[IPE_POSITION]);
+    const outcome_t o = play(&scene, 6000);                        // given: 0.4 s late at a max_wait of 0.25 s; when
+    TEST_ASSERT_GREATER_THAN_UINT64(1000, o.position.n_too_late);  // then: nothing is silent
+    TEST_ASSERT_INT64_WITHIN(2 * NS / 1000, 400 * (NS / 1000), o.position.largest_ns);
+    TEST_ASSERT_EQUAL_UINT64(0, o.force.n_too_late);
 }
 
 static void test_max_wait_beyond_the_buffers_is_refused_where_the_rate_is_known(void)
@@ -215,7 +222,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_late_by_less_than_max_wait_gives_the_same_rows_and_estimate);
     RUN_TEST(test_late_by_less_than_the_longest_max_wait_gives_the_same_rows_and_estimate);
-    RUN_TEST(test_later_than_max_wait_goes_on_with_the_carried_position);
+    RUN_TEST(test_later_than_max_wait_is_counted_with_its_lateness);
     RUN_TEST(test_max_wait_beyond_the_buffers_is_refused_where_the_rate_is_known);
     return UNITY_END();
 }

@@ -8,6 +8,7 @@
 #include "inertiad_lcm_estimate_t.h"
 #include "inertiad_lcm_event_t.h"
 #include "inertiad_lcm_health_t.h"
+#include "inertiad_lcm_order_t.h"
 #include "inertiad_lcm_raw_t.h"
 #include "inertiad_lcm_signals_t.h"
 
@@ -24,6 +25,9 @@ static int last_length;
 static char last_text[64];
 static int last_kind;
 static int64_t last_sender;
+static inertiad_lcm_order_item_t last_item;
+
+enum { N_DROPPED = 9 };
 
 static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* user)
 {
@@ -33,6 +37,7 @@ static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* use
     inertiad_lcm_estimate_t e;
     inertiad_lcm_health_t health;
     inertiad_lcm_event_t event;
+    inertiad_lcm_order_t order;
     const int n = (int)buffer->data_size;
     if (strcmp(channel, "TEST_RAW") == 0) {
         TEST_ASSERT_EQUAL(n, inertiad_lcm_raw_t_decode(buffer->data, 0, n, &raw));
@@ -49,7 +54,16 @@ static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* use
         TEST_ASSERT_EQUAL(n, inertiad_lcm_estimate_t_decode(buffer->data, 0, n, &e));
         n_received[IPE_PUBLISH_ESTIMATE]++;
         last_sequence = e.sequence, last_dropped = e.n_dropped;
+        TEST_ASSERT_EQUAL(INERTIAD_LCM_ESTIMATE_T_SCHEMA, e.schema);
+        if (e.n_systematic > 0) {
+            (void)snprintf(last_text, sizeof last_text, "%s", e.systematic_name[e.n_systematic - 1]);
+        }
         inertiad_lcm_estimate_t_decode_cleanup(&e);
+    } else if (strcmp(channel, "TEST_ORDER") == 0) {
+        TEST_ASSERT_EQUAL(n, inertiad_lcm_order_t_decode(buffer->data, 0, n, &order));
+        n_received[IPE_PUBLISH_ORDER]++;
+        last_length = order.n_items, last_item = order.item[order.n_items - 1];
+        inertiad_lcm_order_t_decode_cleanup(&order);
     } else if (strcmp(channel, "TEST_HEALTH") == 0) {
         TEST_ASSERT_EQUAL(n, inertiad_lcm_health_t_decode(buffer->data, 0, n, &health));
         n_received[IPE_PUBLISH_HEALTH]++;
@@ -129,27 +143,30 @@ static void test_publish_time_that_goes_back_begins_a_new_block(void)
     TEST_ASSERT_EQUAL(2, last_length);
 }
 
-static void test_publish_rows_tell_what_was_lost_before(void)
+static bool push_row(int64_t t_ns)
 {
-    ipe_row_t row = {.t_ns = 0};
-    publisher.n_input_dropped = 9;
-    for (int i = 0; i < 2 * IPE_PUBLISH_ROWS; ++i) {
-        row.t_ns = i;
-        ipe_publish_row(&publisher, &row);
-    }
+    const ipe_row_t row = {.t_ns = t_ns};
+    return ipe_publish_row(&publisher, &row, &estimate, N_DROPPED);
+}
+
+static void test_publish_rows_carry_the_number_lost_before(void)
+{
+    for (int i = 0; i < 2 * IPE_PUBLISH_ROWS; ++i) { (void)push_row(i); }
     handle_all();
     TEST_ASSERT_EQUAL(2, n_received[IPE_PUBLISH_SIGNALS]);
     TEST_ASSERT_EQUAL(IPE_PUBLISH_ROWS, last_length);
-    TEST_ASSERT_EQUAL_INT64(9, last_dropped);
+    TEST_ASSERT_EQUAL_INT64(N_DROPPED, last_dropped);
 }
 
 static void test_publish_estimate_keeps_its_rate_in_data_time(void)
 {
-    for (int64_t t = 0; t < 1000; ++t) { ipe_publish_estimate(&publisher, t * MS, &estimate); }
+    int n_sent = 0;
+    for (int64_t t = 0; t < 1000; ++t) { n_sent += push_row(t * MS); }
     handle_all();
+    TEST_ASSERT_EQUAL(50, n_sent);
     TEST_ASSERT_EQUAL(50, n_received[IPE_PUBLISH_ESTIMATE]);
-    TEST_ASSERT_EQUAL_INT64(49, last_sequence);
-    ipe_publish_estimate(&publisher, 1, &estimate);           // when: time steps back
+    TEST_ASSERT_EQUAL_INT64(50, publisher.sequence[IPE_PUBLISH_ESTIMATE]);
+    (void)push_row(1);                                        // when: time steps back
     handle_all();
     TEST_ASSERT_EQUAL(51, n_received[IPE_PUBLISH_ESTIMATE]);  // then: it goes on from there
 }
@@ -157,7 +174,7 @@ static void test_publish_estimate_keeps_its_rate_in_data_time(void)
 static void test_publish_estimate_before_the_first_window_is_not_sent(void)
 {
     estimate.n_windows = 0;
-    ipe_publish_last(&publisher, &estimate);
+    ipe_publish_last(&publisher, &estimate, N_DROPPED);
     handle_all();
     TEST_ASSERT_EQUAL(0, n_received[IPE_PUBLISH_ESTIMATE]);
 }
@@ -168,12 +185,49 @@ static void test_publish_estimate_that_is_not_finite_is_held_back(void)
                              &estimate.covariance[9][9]};
     for (int i = 0; i < 4; ++i) {
         *field[i] = i % 2 == 0 ? NAN : INFINITY;
-        ipe_publish_last(&publisher, &estimate);
+        ipe_publish_last(&publisher, &estimate, N_DROPPED);
         *field[i] = 0.0;
     }
     handle_all();
     TEST_ASSERT_EQUAL(0, n_received[IPE_PUBLISH_ESTIMATE]);
     TEST_ASSERT_EQUAL_UINT64(4, publisher.n_not_finite);
+}
+
+static void test_publish_estimate_names_its_systematic_parameters(void)
+{
+    estimate.n_systematic = ipe_systematic_count(8);
+    (void)push_row(0);
+    handle_all();
+    TEST_ASSERT_EQUAL_STRING("force_gain_8", last_text);
+}
+
+static void test_publish_order_gives_each_item_its_place_among_the_frames(void)
+{
+    const double position[3] = {1.0, 2.0, 3.0};
+    push_frames(20, 0, MS);  // 16 are sent, 4 wait
+    ipe_publish_order(&publisher, INERTIAD_LCM_ORDER_ITEM_T_POSITION, 5, position);
+    push_frames(6 * 16, 20 * MS, MS);
+    handle_all();
+    TEST_ASSERT_EQUAL(1, n_received[IPE_PUBLISH_ORDER]);
+    TEST_ASSERT_EQUAL_INT64(1, last_item.raw);
+    TEST_ASSERT_EQUAL(4, last_item.n_before);
+    TEST_ASSERT_EQUAL_INT64(5, last_item.t_ns);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, last_item.value[2]);
+    ipe_publish_flush(&publisher);
+    ipe_publish_order(&publisher, IPE_COMMAND_RESET, 6, NULL);  // when: no frame waits
+    ipe_publish_flush(&publisher);
+    handle_all();
+    TEST_ASSERT_EQUAL_INT64(publisher.sequence[IPE_PUBLISH_RAW], last_item.raw);
+    TEST_ASSERT_EQUAL(0, last_item.n_before);
+    TEST_ASSERT_EQUAL(IPE_COMMAND_RESET, last_item.kind);
+}
+
+static void test_publish_order_is_sent_when_full(void)
+{
+    for (int i = 0; i < IPE_PUBLISH_ITEMS; ++i) { ipe_publish_order(&publisher, 0, i, NULL); }
+    handle_all();
+    TEST_ASSERT_EQUAL(1, n_received[IPE_PUBLISH_ORDER]);
+    TEST_ASSERT_EQUAL(IPE_PUBLISH_ITEMS, last_length);
 }
 
 static void test_publish_health_and_event_arrive_whole(void)
@@ -217,7 +271,7 @@ static void test_publish_without_lcm_does_nothing(void)
     ipe_publish_close(&publisher);
     TEST_ASSERT_EQUAL(0, ipe_publish_open(&publisher, "none", "TEST_", &config, message, sizeof message));
     push_frames(1000, 0, MS);
-    ipe_publish_last(&publisher, &estimate);
+    ipe_publish_last(&publisher, &estimate, N_DROPPED);
     TEST_ASSERT_EQUAL_UINT64(0, publisher.n_messages);
 }
 
@@ -236,10 +290,13 @@ int main(void)
     RUN_TEST(test_publish_raw_block_is_sent_after_16_ms);
     RUN_TEST(test_publish_raw_block_of_the_longest_frames_is_sent_when_full);
     RUN_TEST(test_publish_time_that_goes_back_begins_a_new_block);
-    RUN_TEST(test_publish_rows_tell_what_was_lost_before);
+    RUN_TEST(test_publish_rows_carry_the_number_lost_before);
     RUN_TEST(test_publish_estimate_keeps_its_rate_in_data_time);
     RUN_TEST(test_publish_estimate_before_the_first_window_is_not_sent);
     RUN_TEST(test_publish_estimate_that_is_not_finite_is_held_back);
+    RUN_TEST(test_publish_estimate_names_its_systematic_parameters);
+    RUN_TEST(test_publish_order_gives_each_item_its_place_among_the_frames);
+    RUN_TEST(test_publish_order_is_sent_when_full);
     RUN_TEST(test_publish_health_and_event_arrive_whole);
     RUN_TEST(test_publish_answer_tells_which_command_it_answers);
     RUN_TEST(test_publish_without_lcm_does_nothing);

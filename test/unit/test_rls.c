@@ -8,14 +8,16 @@ static uint64_t seed;
 static double x0[IPE_NP], P0[IPE_NP][IPE_NP], L[IPE_NY][IPE_NY], truth[IPE_NP];
 
 /// Equations in theta, and in xi where the filter carries it.
+enum { XI_MAX = IPE_NX_MAX - IPE_NP };
+
 typedef struct {
-    double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_FILTER_MAX], y[IPE_NY];
+    double Y[IPE_NY][IPE_NP], X[IPE_NY][XI_MAX], y[IPE_NY];
 } block_t;
 
 static void start(int n_xi)
 {
-    double std[IPE_XI_FILTER_MAX];
-    for (int i = 0; i < IPE_XI_FILTER_MAX; ++i) { std[i] = 0.1 + 0.2 * i; }
+    double std[XI_MAX];
+    for (int i = 0; i < XI_MAX; ++i) { std[i] = 0.1 + 0.2 * i; }
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, n_xi, std));
 }
 
@@ -195,7 +197,7 @@ static void test_init_systematic_std_not_positive_is_refused(void)
     TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG, ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, 2, bad));
     TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG, ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, -1, bad));
     TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG,
-                          ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, IPE_XI_FILTER_MAX + 1, bad));
+                          ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, XI_MAX + 1, bad));
 }
 
 static void test_update_equals_batch_least_squares_with_prior(void)
@@ -206,7 +208,7 @@ static void test_update_equals_batch_least_squares_with_prior(void)
 static void test_update_with_systematic_states_equals_batch_least_squares(void)
 {
     check_batch(27, 1000);
-    check_batch(IPE_XI_FILTER_MAX, 100);
+    check_batch(XI_MAX, 100);
 }
 
 static void test_innovation_is_what_update_will_see(void)

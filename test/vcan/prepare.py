@@ -2,8 +2,8 @@
 """Make the runs that the tests here replay: in a guest kernel without hardware support this would take minutes.
 
 build/vcan/robot: a whole modern run of CoGiRo;  robot_fd: 2 s of hold;
-build/vcan/robot_timed: a whole run whose samples all carry their device time, so that a machine which stalls and stamps
-frames late does not spoil the estimate;
+build/vcan/robot_timed: 16 s of motion whose samples all carry their device time, so that a machine which stalls and
+stamps frames late does not spoil the estimate;
 build/vcan/golden: 8 s of motion, longer than clocks take to settle on a host that stalls, with the daemon's own
 estimate.json in the run: what verify runs again, at 50 Hz, so that the daemon's ring of samples outlasts the stalls of
 an emulated machine; beside it changed.cfg, which is not what the run's robot.toml compiles to;
@@ -26,12 +26,12 @@ TOOL = TOP / "build/bin/inertiactl"
 PATIENT = "\n[align]\nmax_wait = 2.0  # s: an emulated machine may take a while to send a position\n"
 
 
-def write_swing(path: Path) -> Path:
-    """8 s of motion in all six coordinates that starts and ends at rest."""
+def write_swing(path: Path, duration: int) -> Path:
+    """Some seconds of motion in all six coordinates that starts and ends at rest."""
     amplitude = (0.25, 0.2, 0.12, 0.12, 0.12, 0.15)  # m, rad
     rows = ["t,x,y,z,roll,pitch,yaw"]
-    for t in (0.02 * k for k in range(401)):
-        ramp = math.sin(math.pi * t / 8.0) ** 4
+    for t in (0.02 * k for k in range(50 * duration + 1)):
+        ramp = math.sin(math.pi * t / duration) ** 4
         pose = [a * ramp * math.sin(2.0 * math.pi * (0.35 + 0.05 * i) * t + i) for i, a in enumerate(amplitude)]
         pose[2] += 2.0
         rows.append(",".join(f"{value:.9f}" for value in (t, *pose)))
@@ -61,14 +61,15 @@ def write_changed(golden: Path) -> None:
     subprocess.run(command, check=True, capture_output=True)
 
 
-def make_run(name: str, description: str, *options: str) -> None:
+def make_run(name: str, description: str, *options: object) -> None:
     folder = RUNS / name
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(COGIRO, folder)
     robot = folder / description
     robot.write_text(robot.read_text() + PATIENT)
     subprocess.run([TOOL, "compile", robot, "-o", folder / "robot.cfg"], check=True, capture_output=True)
-    subprocess.run([TOOL, "simulate", robot, *options, "-o", folder / "run"], check=True, capture_output=True)
+    command = [TOOL, "simulate", robot, *options, "-o", folder / "run"]
+    subprocess.run([str(part) for part in command], check=True, capture_output=True)
 
 
 def make_devices_run() -> None:
@@ -82,9 +83,9 @@ def make_devices_run() -> None:
 if __name__ == "__main__":
     make_devices_run()
     make_run("robot", "robot.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
-    make_run("robot_timed", "robot_fd.toml", "--rate", "50", "--faults", "modern", "--seed", "1")
-    swing = str(write_swing(RUNS / "swing.csv"))
-    make_run("golden", "robot_fd.toml", "--trajectory", swing, "--rate", "50", "--faults", "modern", "--seed", "1")
+    for name, duration in (("robot_timed", 16), ("golden", 8)):
+        swing = write_swing(RUNS / f"{name}.csv", duration)
+        make_run(name, "robot_fd.toml", "--trajectory", swing, "--rate", "50", "--faults", "modern", "--seed", "1")
     write_estimate(RUNS / "golden/run")
     write_changed(RUNS / "golden")
     make_run("robot_fd", "robot_fd.toml", "--trajectory", "hold", "--duration", "2")

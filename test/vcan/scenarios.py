@@ -263,7 +263,7 @@ def read_log(path: Path) -> Iterator[Frame]:
 
 
 def phases() -> list[list[int]]:
-    """Numbers of the scenarios that run together: few enough for a slow guest to keep the pace."""
+    """Numbers of the scenarios that run together: as many as an emulated guest can keep pace with."""
     together = [n for n, scenario in enumerate(SCENARIOS) if not scenario.is_alone]
     batches = [together[i : i + TOGETHER] for i in range(0, len(together), TOGETHER)]
     return batches + [[n] for n, scenario in enumerate(SCENARIOS) if scenario.is_alone]

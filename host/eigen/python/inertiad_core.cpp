@@ -4,6 +4,7 @@
 #include "binding.hpp"
 
 #include <inertiad/body.hpp>
+#include <inertiad/calibrated.hpp>
 #include <inertiad/cable.hpp>
 #include <inertiad/config.hpp>
 #include <inertiad/estimate.hpp>
@@ -14,6 +15,8 @@
 #include <algorithm>
 #include <functional>
 #include <string>
+#include <tuple>
+#include <vector>
 
 extern "C" {
 #include "estimator.h"
@@ -70,6 +73,31 @@ nb::tuple wrench_matrix(const inertiad::Config& config, const InN3& p, const InN
     return nb::make_tuple(W.release(), sag.release());
 }
 
+/// What the cables' inertia adds to the wrench of windows that saw nothing but one instant each.
+nb::ndarray<nb::numpy, double> cable_inertia(const inertiad::Config& config, const InN3& s, const InN3& w,
+                                             const InN3& alpha, const InN3& p, const InN33& R)
+{
+    const std::size_t n = s.shape(0);
+    require_rows(n, w.shape(0), "w");
+    require_rows(n, alpha.shape(0), "alpha");
+    require_rows(n, p.shape(0), "p");
+    require_rows(n, R.shape(0), "R");
+    Out<2> wrench({n, 6});
+    for (std::size_t k = 0; k < n; ++k) {
+        ipe_average_t average{};
+        std::copy_n(s.data() + 3 * k, 3, average.s);
+        std::copy_n(alpha.data() + 3 * k, 3, average.alpha);
+        std::copy_n(p.data() + 3 * k, 3, average.p);
+        std::copy_n(R.data() + 9 * k, 9, &average.R[0][0]);
+        ipe_rate_products(w.data() + 3 * k, average.ww);
+        if (ipe_cable_inertia_add(&config.c(), &average) != IPE_OK) {
+            throw std::domain_error("a cable has no direction in sample " + std::to_string(k));
+        }
+        std::copy_n(average.cable_inertia, 6, wrench.data + 6 * k);
+    }
+    return wrench.release();
+}
+
 nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN3& alpha)
 {
     const std::size_t n = s.shape(0);
@@ -86,7 +114,9 @@ nb::ndarray<nb::numpy, double> regressor(const InN3& s, const InN3& w, const InN
 /// The weak equations of a run's rows.
 struct Windows {
     Windows(const inertiad::Config& config_, const OwnedPipeline& run) : Windows(config_, run.rows) {}
-    Windows(const inertiad::Config& config_, const Rows& run) : Windows(config_, run.row) {}
+    Windows(const inertiad::Config& config_, const Rows& run) : Windows(inertiad::usable(config_, run.derived), run.row)
+    {
+    }
     Windows(const inertiad::Config& config_, const std::vector<ipe_row_t>& rows)
         : config(config_), window(inertiad::windows_of(config_, rows))
     {
@@ -222,7 +252,7 @@ struct Plan {
 void filter_equations(const inertiad::Config& config, const ipe_average_t& average, const inertiad::Theta& theta,
                       double* H)
 {
-    const std::size_t n_xi = static_cast<std::size_t>(ipe_systematic_filter_count(config.n_cables()));
+    const std::size_t n_xi = static_cast<std::size_t>(ipe_systematic_planned_count(config.n_cables()));
     const inertiad::Regressor Y = inertiad::regressor(average);
     const inertiad::SystematicColumns X = inertiad::systematic_columns(config, average, theta);
     for (Eigen::Index j = 0; j < IPE_NY; ++j) {
@@ -250,6 +280,7 @@ std::vector<ipe_average_t> averages_of(const inertiad::Config& config, double ra
         std::copy_n(plan.p.data() + 3 * k, 3, motion.p);
         std::copy_n(plan.R.data() + 9 * k, 9, &motion.R[0][0]);
         std::copy_n(plan.f.data() + m * k, m, wrench.f);
+        ipe_motion_nominal_error(&config.c(), motion.R, &motion.error);
         const auto t_ns = static_cast<int64_t>(std::llround(1e9 * static_cast<double>(k + 1) / rate));
         if (ipe_window_push(&window, t_ns, &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
     }
@@ -263,7 +294,7 @@ nb::tuple planned_windows(const inertiad::Config& config, double rate, const InN
 {
     double length = 0.0;
     const std::vector<ipe_average_t> found = averages_of(config, rate, {s, w, p, R, f}, length);
-    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
+    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_planned_count(config.n_cables()));
     Out<3> H({found.size(), IPE_NY, n_x});
     Out<2> motion({found.size(), 6});
     for (std::size_t k = 0; k < found.size(); ++k) {
@@ -283,7 +314,7 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
     Plan{s, w, p, R, f}.check(config, n);
     require_rows(n, alpha.shape(0), "alpha");
     require_rows(n, velocity.shape(0), "velocity");
-    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_filter_count(config.n_cables()));
+    const auto n_x = static_cast<std::size_t>(IPE_NP + ipe_systematic_planned_count(config.n_cables()));
     Out<3> H({n, IPE_NY, n_x});
     for (std::size_t k = 0; k < n; ++k) {
         ipe_average_t average{};
@@ -293,6 +324,7 @@ nb::ndarray<nb::numpy, double> planned_instants(const inertiad::Config& config, 
         std::copy_n(p.data() + 3 * k, 3, average.p);
         std::copy_n(velocity.data() + 3 * k, 3, average.velocity);
         std::copy_n(R.data() + 9 * k, 9, &average.R[0][0]);
+        ipe_motion_nominal_error(&config.c(), average.R, &average.error);
         std::copy_n(f.data() + m * k, m, average.f);
         ipe_rate_products(average.w, average.ww);
         filter_equations(config, average, theta, H.data + IPE_NY * n_x * k);
@@ -314,7 +346,7 @@ inertiad::Covariance rehearse(const inertiad::Config& config, double rate, const
     }
     for (std::size_t i = 0; i < window.size(); ++i) {
         std::copy_n(y.data() + IPE_NY * i, IPE_NY, window[i].y);
-        ipe_estimator_predict(estimator.get(), &config.c(), window[i].t_ns);
+        ipe_estimator_predict(estimator.get(), &config.c(), &window[i]);
         if (ipe_estimator_update(estimator.get(), &config.c(), &window[i]) < IPE_OK) {
             throw std::invalid_argument("motion, y: NaN, Inf or a cable without direction");
         }
@@ -398,6 +430,22 @@ nb::dict quantities()
     return d;
 }
 
+using SystematicKind = std::tuple<const char*, const char*, int, int, bool>;
+
+/// Kinds of systematic parameters of a robot with n_cables, in the order of xi.
+std::vector<SystematicKind> systematic_table(int n_cables)
+{
+    int n = 0, first = 0;
+    const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n);
+    std::vector<SystematicKind> table;
+    for (const ipe_systematic_kind_t* k = kinds; k < kinds + n; ++k) {
+        const int count = k->count + k->count_per_cable * n_cables;
+        table.emplace_back(k->name, k->unit, first, count, k->count_per_cable > 0);
+        first += count;
+    }
+    return table;
+}
+
 }  // namespace
 
 NB_MODULE(inertiad_core, m)
@@ -423,6 +471,8 @@ NB_MODULE(inertiad_core, m)
           "(W [N,6,m], sag [N,6]) with wrench = W f + sag about the body point [3], P axes. wrench.h");
     m.def("regressor", &regressor, "s"_a, "w"_a, "alpha"_a,
           "Y [N,6,10] from specific force, rate and angular acceleration [N,3] at the reference point. regressor.h");
+    m.def("cable_inertia", &cable_inertia, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "R"_a,
+          "Wrench [N,6] at the IMU, P axes, of the cables' own inertia in motions of the IMU point. cable_inertia.h");
     m.def("shift", &inertiad::shift, "theta"_a, "d"_a, "theta [10] about the point (old - d [3]). body.h");
     m.def(
         "body",
@@ -457,7 +507,7 @@ NB_MODULE(inertiad_core, m)
         "motion sampled at rate [Hz] will be averaged to; s, w [N,3] at the IMU, P axes; p [N,3], R [N,3,3] pose of P; tensions f "
         "[N,m]; theta [10] about the IMU. window.h, systematic.h");
     m.def("planned_instants", &planned_instants, "config"_a, "s"_a, "w"_a, "alpha"_a, "p"_a, "velocity"_a, "R"_a, "f"_a,
-          "theta"_a, "[Y, -X] [N,6,21+2m] of single instants. systematic.h");
+          "theta"_a, "[Y, -X] [N,6,34+2m] of single instants. systematic.h");
     m.def(
         "rehearse", &rehearse, "config"_a, "rate"_a, "s"_a, "w"_a, "p"_a, "R"_a, "f"_a, "y"_a,
         "Covariance [10,10] of mass, CoG and inertia that the daemon's estimator publishes after a motion given as to "
@@ -519,8 +569,8 @@ NB_MODULE(inertiad_core, m)
         .def(
             "reset", [](OwnedPipeline& p) { p.view.reset(); }, "Start the estimator again from its prior.")
         .def(
-            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); }, "bias"_a,
-            "Use this gyro bias [3], I axes, rad/s, from the next row on.")
+            "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); },
+            "bias"_a, "Use this gyro bias [3], I axes, rad/s, from the next row on.")
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 
@@ -532,7 +582,7 @@ NB_MODULE(inertiad_core, m)
         .def_prop_ro("t", &Windows::t, nb::rv_policy::move, "[M] s since the first")
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
-        .def("X", &Windows::X, "theta"_a, "[M,6,15+2m]");
+        .def("X", &Windows::X, "theta"_a, "[M,6,24+3m]");
     m.def(
         "systematic_std",
         [](const inertiad::Config& config) {
@@ -542,7 +592,12 @@ NB_MODULE(inertiad_core, m)
             std::copy_n(std, out.shape[0], out.data);
             return out.release();
         },
-        "config"_a, "One sigma [15+2m] of each systematic parameter. systematic.h");
+        "config"_a, "One sigma [25+3m] of each systematic parameter. systematic.h");
+    m.def("systematic_table", systematic_table, "n_cables"_a,
+          "(name, SI unit, first index, count, whether per cable) of each kind of systematic parameter, in the order of "
+          "xi. systematic.h");
+    m.def("linear_parameters", &inertiad::linear_parameters, "n_cables"_a,
+          "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
     bind_batch(m);
     bind_plant(m);
 }

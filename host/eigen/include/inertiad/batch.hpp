@@ -40,7 +40,9 @@ struct NoBody : std::runtime_error {
 /// to solve, NoBody where the data contradict every body.
 inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
 {
-    detail::Problem problem(config, runs, settings);
+    Config used = config;
+    for (const BatchRun& run : runs) { used = usable(used, run.derived); }
+    detail::Problem problem(used, runs, settings);
     BatchResult result{};
     detail::Descent(problem, settings).run(result);
     std::size_t n_windows = 0;
@@ -58,6 +60,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     result.free = problem.free;
     result.prior_std = problem.scale;
     result.P = problem.P;
+    problem.add_common_gain(result.P);
     result.xi = problem.xi;
     result.xi_std = problem.std_xi;
     for (std::size_t i = 0; i < problem.free.size(); ++i) {

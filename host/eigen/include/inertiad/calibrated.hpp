@@ -5,7 +5,10 @@
 ///   yaw         R_true = Rz(xi) R                   world_yaw += xi
 ///   alignment   R_PI_true = exp(align) R_PI         imu_orientation = exp(align) imu_orientation
 ///   delays      a value stamped t was measured at t - delay: the row at t gets what is stamped t + delay
-///   the rest    added to the calibration
+///   target, attitude delay          added to the configuration
+///   biases, force offsets and gains added to the calibration
+/// IMU position, scales, cable inertia and friction are left out: the equations are linear in them (systematic.h), and their columns are
+/// added to the residual instead, batch.hpp.
 /// The order of xi is that of systematic.h.
 #pragma once
 
@@ -49,12 +52,23 @@ inline Config calibrated(const Config& config, const Eigen::VectorXd& xi)
     Eigen::Map<Eigen::Vector4d>{c.imu_orientation} = Eigen::Vector4d(o.w(), o.x(), o.y(), o.z()).normalized();
     c.world_yaw += xi[IPE_XI_YAW];
     Eigen::Map<Vector3>{c.acc_bias} += xi.segment<3>(IPE_XI_ACC_BIAS);
-    Eigen::Map<Vector3>{c.gyro_bias} += xi.segment<3>(IPE_XI_FORCE + 2 * m);
+    Eigen::Map<Vector3>{c.gyro_bias} += xi.segment<3>(IPE_XI_GYRO_BIAS);
+    Eigen::Map<Vector3>{c.tracker_target} += xi.segment<3>(IPE_XI_TRACKER_TARGET);
+    c.delay_attitude += xi[IPE_XI_ATTITUDE_DELAY];
     for (int i = 0; i < m; ++i) {
         c.force_offset[i] += xi[IPE_XI_FORCE + i];
         c.force_gain[i] += xi[IPE_XI_FORCE + m + i];
     }
     return Config::from(c);
+}
+
+/// Indices of xi in which the equations are linear, and which calibrated() leaves out.
+inline std::vector<int> linear_parameters(int n_cables)
+{
+    std::vector<int> found{IPE_XI_IMU_POSITION, IPE_XI_IMU_POSITION + 1, IPE_XI_IMU_POSITION + 2,
+                           IPE_XI_ACC_SCALE,    IPE_XI_GYRO_SCALE,       IPE_XI_CABLE_INERTIA};
+    for (int i = 0; i < n_cables; ++i) { found.push_back(IPE_XI_FORCE + 2 * n_cables + i); }
+    return found;
 }
 
 namespace detail {
@@ -136,6 +150,9 @@ inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int 
         }
         for (int i = 0; i < n_cables; ++i) {
             row.f[i] = at(f, f_share, [i](const ipe_row_t& r) { return r.f[i]; });
+        }
+        if (position_delay != 0.0) {
+            row.has_position = rows[p].has_position && rows[std::min(p + 1, rows.size() - 1)].has_position;
         }
         moved.push_back(row);
     }

@@ -22,6 +22,14 @@ struct Derived {
     bool rate = false;
 };
 
+/// The configuration under which a run can be used: without a measured rate or specific force the attitude is the AHRS's.
+inline Config usable(const Config& config, Derived derived)
+{
+    ipe_config_t c = config.c();
+    if (derived.force || derived.rate) { c.attitude_estimate = IPE_ATTITUDE_AHRS; }
+    return Config::from(c);
+}
+
 namespace detail {
 
 /// How I axes, P axes and W lie to each other under a configuration.
@@ -103,7 +111,7 @@ inline std::vector<ipe_row_t> corrected_rows(const Config& config, const Config&
                                              std::vector<ipe_row_t> rows, Derived derived)
 {
     const int m = config.n_cables();
-    const double position_delay = xi[IPE_XI_POSITION_DELAY], force_delay = xi[IPE_XI_FORCE + 2 * m + 3];
+    const double position_delay = xi[IPE_XI_POSITION_DELAY], force_delay = xi[IPE_XI_FORCE_DELAY];
     detail::as_derived(detail::Axes(config.c()), derived, rows);
     std::vector<ipe_row_t> moved = undelayed(rows, m, position_delay, force_delay, derived.force);
     detail::as_measured(detail::Axes(corrected.c()), derived, moved);
@@ -184,8 +192,12 @@ inline SystematicColumns systematic_columns(const Config& config, Derived derive
         ipe_regressor(window.jerk.data(), none, none, as_array(Y));
         X.col(IPE_XI_POSITION_DELAY) -= Y * theta;
         X.middleCols<3>(IPE_XI_ACC_BIAS).setZero();
+        X.col(IPE_XI_ACC_SCALE).setZero();
     }
-    if (derived.rate) { X.middleCols<3>(IPE_XI_FORCE + 2 * config.n_cables()).setZero(); }
+    if (derived.rate) {
+        X.middleCols<3>(IPE_XI_GYRO_BIAS).setZero();
+        X.col(IPE_XI_GYRO_SCALE).setZero();
+    }
     return X;
 }
 

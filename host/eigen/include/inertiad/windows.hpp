@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The weak equations of a whole run, from its aligned rows: what batch solvers on the host work on.
-/// Same stages, same order as ipe_pipeline_step(): wrench, window, regressor.
+/// Same stages, same order as ipe_pipeline_step(): motion (smoothed), wrench, window, cable inertia, regressor.
 #pragma once
 
 #include "body.hpp"
 #include "config.hpp"
+#include "smoothed_motion.hpp"
 
 #include <vector>
 
 extern "C" {
+#include "cable_inertia.h"
 #include "filter_states.h"
 #include "systematic.h"
 #include "window.h"
@@ -27,12 +29,15 @@ inline std::vector<ipe_average_t> windows_of(const Config& config, const std::ve
     ipe_window_t window;
     ipe_wrench_init(&wrench_stage, &config.c());
     ipe_window_init(&window, &config.c());
-    for (const ipe_row_t& row : rows) {
-        ipe_motion_t motion;
+    const std::vector<RowMotion> motion = smoothed_motion(config, rows);
+    for (std::size_t k = 0; k < rows.size(); ++k) {
         ipe_wrench_t wrench;
         ipe_average_t average;
-        if (ipe_wrench_from_row(&wrench_stage, &row, &motion, &wrench) != IPE_OK) { continue; }
-        if (ipe_window_push(&window, row.t_ns, &motion, &wrench, &average) == IPE_OK) { found.push_back(average); }
+        const ipe_motion_t* of_row = &motion[k].motion;
+        if (!motion[k].is_known || !rows[k].has_force) { continue; }
+        if (ipe_wrench_from_row(&wrench_stage, &rows[k], of_row, &wrench) != IPE_OK) { continue; }
+        if (ipe_window_push(&window, rows[k].t_ns, of_row, &wrench, &average) != IPE_OK) { continue; }
+        if (ipe_cable_inertia_add(&config.c(), &average) == IPE_OK) { found.push_back(average); }
     }
     return found;
 }
@@ -45,7 +50,7 @@ inline Regressor regressor(const ipe_average_t& average) noexcept
     return Y;
 }
 
-/// X [6][47], the first ipe_systematic_count() columns used. Throws std::domain_error where a cable has no direction.
+/// X [6][72], the first ipe_systematic_count() columns used. Throws std::domain_error where a cable has no direction.
 inline SystematicColumns systematic_columns(const Config& config, const ipe_average_t& average, const Theta& theta)
 {
     SystematicColumns X;

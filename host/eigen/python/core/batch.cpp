@@ -126,6 +126,7 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
     push_positions(INT64_MAX);
     align->is_ending = true;
     pop_all(*align, rows.row);
+    rows.row = inertiad::complete_rows(config, rows.row);
     return rows;
 }
 
@@ -141,7 +142,7 @@ nb::dict track(const inertiad::Config& config, const Rows& rows)
         double imu[10];
         std::copy_n(row.acc, 3, imu), std::copy_n(row.gyro, 3, imu + 3), std::copy_n(row.q, 4, imu + 6);
         (void)ipe_align_push(&align, IPE_FORCE, row.t_ns, row.f);
-        (void)ipe_align_push(&align, IPE_POSITION, row.t_ns, row.position);
+        if (row.has_position) { (void)ipe_align_push(&align, IPE_POSITION, row.t_ns, row.position); }
         (void)ipe_align_push(&align, IPE_IMU, row.t_ns, imu);
         ipe_row_t again;
         for (int status; (status = pipeline.view.step(again)) != IPE_NOT_READY;) {
@@ -203,6 +204,7 @@ Rows make_rows(const Times& t_ns, const Table& acc, const Table& gyro, const Tab
         std::copy_n(q.data() + 4 * k, 4, row.q);
         std::copy_n(position.data() + 3 * k, 3, row.position);
         std::copy_n(f.data() + m * k, m, row.f);
+        row.has_force = row.has_position = row.is_position_new = true;
     }
     return rows;
 }
@@ -335,8 +337,8 @@ void bind_batch(nb::module_& m)
             return Rows{inertiad::corrected_rows(config, corrected, xi, r.row, r.derived), r.n_cables, r.derived};
         },
         "config"_a, "rows"_a, "xi"_a,
-        "Rows for the configuration with corrections xi [15+2m]: delays taken out, derived motion as attitude has it.");
-    m.def("calibrated", &inertiad::calibrated, "config"_a, "xi"_a, "The configuration with corrections xi [15+2m].");
+        "Rows for the configuration with corrections xi [24+3m]: delays taken out, derived motion as attitude has it.");
+    m.def("calibrated", &inertiad::calibrated, "config"_a, "xi"_a, "The configuration with corrections xi [24+3m].");
     m.def(
         "batch", &solve, "config"_a, "runs"_a, "group"_a, "payload"_a, "is_payload_known"_a = false,
         "payload_std"_a = 0.01, "is_free"_a = std::vector<bool>{}, "theta_prior"_a = 1.0, "is_weight_learnt"_a = true,

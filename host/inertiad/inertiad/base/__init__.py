@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names, units, tables and messages that every other folder uses; knows no robot."""
+"""Names, units, tables and messages that every other folder uses; independent of any robot."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates and the truth beside them: the ten numbers of a body, by name, with unit and standard deviation."""
+"""The ten numbers of a body, estimated or true: by name, with unit and standard deviation."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The LCM network and the channel names that daemon and tools agree on."""
+"""Defaults of the LCM network and of channel names, for daemon and tools."""
 
 from typing import Final
 

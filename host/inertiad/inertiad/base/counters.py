@@ -5,6 +5,7 @@ The pipeline's own come from the table in firmware/core/counter_table.h; those o
 the daemon adds, are judged by their cause, the last part of the name.
 """
 
+from collections.abc import Mapping
 from typing import Final
 
 import inertiad_core
@@ -19,6 +20,11 @@ BAD_CAUSES: Final = (
     *("bad_rows", "lost", "refused", "failed", "estimates_not_finite", "tracker_bad_message"),
 )
 """causes of the daemon's other counters that must be zero on a good run"""
+
+
+def n_rejected(counters: Mapping[str, int]) -> int:
+    """Rows lost or refused, all causes."""
+    return sum(counters.get(name, 0) for name in REJECTED)
 
 
 def is_bad(name: str) -> bool:

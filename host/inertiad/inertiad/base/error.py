@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one exception for what a user can get wrong. The command line prints it as one line and exits with code 2."""
+"""The one exception for errors of the user. The command line prints it as one line and exits with code 2."""
 
 
 class InputError(Exception):
-    """A file, key, value or option is not usable. The text is one line: where, what, and what is allowed."""
+    """A file, key, value or option is not usable. The text is one line: place, value, and remedy or allowed values."""

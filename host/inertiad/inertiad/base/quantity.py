@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a CAN signal can measure: names, numbers, dimensions and the sensor each belongs to.
+"""Quantities that a CAN signal can carry: names, numbers, dimensions and the sensor each belongs to.
 
 The numbers are those of ``ipe_quantity_t`` in firmware/core/types.h and part of the compiled configuration.
 """
@@ -36,7 +36,7 @@ QUANTITIES: Final[dict[str, int]] = {name: number for number, name in enumerate(
 
 
 def dimension(name: str) -> Dimension:
-    """What the quantity measures; its SI unit follows: m/s2, rad/s, rad, m, N, s, 1."""
+    """Dimension of the quantity; its SI unit follows: m/s2, rad/s, rad, m, N, s, 1."""
     if name in ACC:
         return "acceleration"
     if name in GYRO:

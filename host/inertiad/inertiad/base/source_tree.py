@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The source tree that the package runs from: what is beside it is found from here."""
+"""The source tree that the package runs from."""
 
 from pathlib import Path
 from typing import Final

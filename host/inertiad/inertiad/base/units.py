@@ -37,7 +37,7 @@ _OF_NAME: Final = (
     (r"t(_device)?_ns", "ns"),
     (r"acc_(bias_)?[xyz]", "m/s2"),
     (r"gyro_[xyz]", "rad/s"),
-    (r"roll|pitch|yaw|world_yaw|(attitude|imu_alignment)_[xyz]", "rad"),
+    (r"roll|pitch|yaw|world_yaw|(attitude|attitude_bias|imu_alignment)_[xyz]", "rad"),
     (r"[xyz]|(pos|cog)_[xyz]", "m"),
     (r"f_\d+|force_offset_\d+", "N"),
     (r"mass", "kg"),
@@ -66,7 +66,7 @@ def split(text: str) -> tuple[str, str]:
 
 
 def unit_factor(unit: str | None, dimension: Dimension) -> float:
-    """SI value of one of the unit. KeyError if it does not measure the dimension; its text lists what does."""
+    """SI value of one of the unit. KeyError if it does not measure the dimension; its text lists the units that do."""
     text = (unit or "").strip().strip("[]").replace(" ", "")
     for spelling, plain in _SPELLINGS.items():
         text = text.replace(spelling, plain)

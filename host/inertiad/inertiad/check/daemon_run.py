@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run the daemon on a recorded run and collect everything it publishes.
 
-From a file it writes its messages into an LCM log, which loses nothing; on a bus they come over the LCM network, with
-queues raised, while the run is played in real time.
+From a file, it writes its messages into an LCM log, without loss. On a bus, they come over the LCM network, with large
+queues, while the run is played in real time.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from inertiad.live import lcm_network, replay
 from inertiad.run import canlog, lcmlog, tracker_csv
 from inertiad.run.canlog import CanLog
 from inertiad.run.lcmlog import Event
-from inertiad_lcm import estimate_t, event_t, health_t, raw_t, signals_t, tracker_t
+from inertiad_lcm import estimate_t, event_t, health_t, order_t, raw_t, signals_t, tracker_t
 
 PREFIX: Final = "VERIFY_"
 """of the channels, so that another daemon on the network is not mistaken for ours"""
@@ -33,6 +33,7 @@ SILENCE: Final = 1.0
 """s without a message after the daemon's end: nothing more will come"""
 KINDS: Final = {
     "RAW": raw_t,
+    "ORDER": order_t,
     "SIGNALS": signals_t,
     "ESTIMATE": estimate_t,
     "HEALTH": health_t,
@@ -43,7 +44,7 @@ KINDS: Final = {
 
 @dataclass
 class Published:
-    """What the daemon published about one run, in the order of arrival."""
+    """The daemon's messages about one run, in the order of arrival."""
 
     messages: dict[str, list[Any]] = field(default_factory=lambda: {name: [] for name in KINDS})
     arrival_ns: dict[str, list[int]] = field(default_factory=lambda: {name: [] for name in KINDS})
@@ -93,17 +94,17 @@ def daemon_path() -> Path:
     """build/bin/inertiad of this project. InputError: not built."""
     path = TOP / "build/bin/inertiad"
     if not path.exists():
-        raise InputError(f"{path}: not there: allowed: after make build, or with --daemon FILE")
+        raise InputError(f"{path}: not found; run make build, or pass --daemon FILE")
     return path
 
 
 @dataclass(frozen=True)
 class Setup:
-    """How the daemon is run."""
+    """Files and options of a daemon's run."""
 
     run: Path
     folder: Path
-    """for what it writes"""
+    """for its output files"""
     config: Path
     daemon: Path
     n_buses: int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The experiment of Tempel et al., ICRA 2017, repeated: its motions, its sensors, its method; and ours beside it.
+"""The experiment of Tempel et al., ICRA 2017, repeated: its motions, sensors and method, and the joint fit beside it.
 
 One seed is one experiment: sensors with errors drawn anew, four trajectories forward and backward at 25 Hz, through the
 CAN log and the daemon's own stages. The paper's method takes each of the eight moves by itself and reports medians; the
@@ -35,7 +35,7 @@ FAULTS: Final = "paper"
 
 @dataclass(frozen=True)
 class Experiment:
-    """What one seed gave."""
+    """Result of one seed."""
 
     seed: int
     two_step: Body
@@ -46,7 +46,7 @@ class Experiment:
     """[8, 10] two-step results of the moves"""
     joint: Body
     is_joint_possible: bool
-    """what the data alone say, before the nearest possible body is taken"""
+    """the optimum of the data alone, before the projection to a consistent body"""
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,9 @@ def cut(run: Recording, first: float, last: float) -> Recording:
     rows = run.rows
     t_ns = np.rint(1e9 * rows.t).astype(np.int64)
     inside = (rows.t >= first) & (rows.t <= last)
-    columns = [np.ascontiguousarray(getattr(rows, name)[inside]) for name in ("acc", "gyro", "q", "position", "f")]
-    return replace(run, rows=inertiad_core.Rows(t_ns[inside], *columns))
+    values = (rows.acc, rows.gyro, rows.q, rows.position, rows.f)
+    acc, gyro, q, position, f = (np.ascontiguousarray(a[inside]) for a in values)
+    return replace(run, rows=inertiad_core.Rows(t_ns[inside], acc, gyro, q, position, f))
 
 
 def experiment(robot_file: Path, seed: int) -> Experiment:

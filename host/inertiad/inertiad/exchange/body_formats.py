@@ -5,7 +5,7 @@ All of them place the body in the platform frame P: CoG from P's origin, inertia
 as matrix entries, J_xy = -integral(x y dm). That is also what URDF's ixy and MuJoCo's fullinertia mean.
 
 urdf  one link "platform", its frame is P         mjcf  a free body "platform", its frame is P
-json  mass, cog, inertia_cog: what inertiactl simulate --body reads
+json  mass, cog, inertia_cog: as inertiactl simulate --body reads it
 """
 
 import json
@@ -68,9 +68,9 @@ def read(path: Path) -> Nominal:
     """The body of estimate.json, or of the one in a run folder. InputError: none there, or one that cannot exist."""
     file = path / "estimate.json" if path.is_dir() else path
     if not file.exists():
-        raise InputError(f"{file}: not there: allowed: estimate.json of the daemon or of inertiactl fit --json")
+        raise InputError(f"{file}: not found; pass an estimate.json of the daemon or of inertiactl fit --json")
     if file.suffix != ".json":
-        raise InputError(f"{file}: no body: allowed: estimate.json, or a run folder that has one")
+        raise InputError(f"{file}: not an estimate; pass an estimate.json, or a run folder that has one")
     mass, *rest = estimate.read(file).value
     return validate(Nominal, {"mass": mass, "cog": rest[:3], "inertia_cog": rest[3:]}, str(file))
 

@@ -13,7 +13,8 @@ from inertiad.base.table import Table, at_ns
 from inertiad.exchange import body_formats, dataset, file_formats
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import description
-from inertiad.run import canlog, encode
+from inertiad.run import canlog
+from inertiad.run import folder as run_folder
 
 
 def _check(form: str) -> None:
@@ -25,7 +26,7 @@ def _check(form: str) -> None:
 
 
 def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, remarks: list[str]) -> list[str]:
-    """Write a run, or its identified body, in one of the known formats; says what is in which file.
+    """Write a run, or its identified body, in one of the known formats. Returns the contents of each file as text.
 
     remarks: what the run lacks and where it is damaged. InputError: unknown format, nothing to export, a package that
     is not installed.
@@ -87,10 +88,10 @@ def import_file(file: Path, folder: Path, robot: Path | None, remarks: list[str]
     left = [name for name in data.tables if name not in ("signals", "tracker")]
     if left:
         remarks.append(f"{file}: {', '.join(left)}: left out, the daemon and fit make them anew")
-    encode.open_run(folder)
+    run_folder.open_run(folder)
     written = list(_write_run(data, folder))
     if not written:
         raise InputError(f"{file}: no signals, positions or CAN frames in it")
     if robot is not None:
-        encode.write_robot(folder, description.load(robot), description.read_data(robot))
+        run_folder.write_robot(folder, description.load(robot), description.read_data(robot))
     return written

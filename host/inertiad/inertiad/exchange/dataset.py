@@ -7,7 +7,7 @@ estimate  t mass cog_x..z inertia_cog_xx..xy with _std, systematic errors, n_win
 frames    t bus can_id flags length data                   CAN frames, SocketCAN's identifiers, data in hex
 events    t source text
 health    t and every counter
-CONFIG and HOST, which tell of the daemon and its machine and not of the run, are in none of them.
+CONFIG and HOST describe the daemon and its machine, not the run: no table holds them.
 """
 
 import csv
@@ -29,7 +29,7 @@ from inertiad.run.canlog import CanLog
 
 NAMES: Final = ("signals", "tracker", "estimate", "frames", "events", "health")
 KEY_COLUMN: Final = {"signals": "acc_x", "tracker": "x", "estimate": "mass", "frames": "can_id", "events": "text"}
-"""tells what a file is whose name does not say it"""
+"""the column by which a table without a name is recognised"""
 INERTIA: Final = ("xx", "yy", "zz", "yz", "xz", "xy")
 
 _TEXT: Final = ("bus", "data", "source", "text")
@@ -72,7 +72,7 @@ def _scalars(kind: str, names: Iterable[str], messages: list[Any]) -> dict[str, 
 def _signals(messages: list[Any]) -> Table:
     rows = [row for message in messages for row in message.row]
     if len({row.n_cables for row in rows}) > 1:
-        raise InputError("signals: the number of cables changes within the run: allowed: one robot per run")
+        raise InputError("signals: the number of cables changes within the run; export one robot at a time")
     return signals_of(_times(rows), [[*row.acc, *row.gyro, *row.q, *row.position, *row.f] for row in rows])
 
 
@@ -91,19 +91,14 @@ def _tracker(messages: list[Any]) -> Table:
     return at_ns("tracker", _times(messages), columns | _scalars("tracker", ("valid", "t_device_ns"), messages))
 
 
-def _systematic_names(n_cables: int) -> list[str]:
-    """The filter's systematic errors, in the order of estimate_t."""
-    names = [f"attitude_{a}" for a in "xyz"] + ["world_yaw"] + [f"acc_bias_{a}" for a in "xyz"]
-    names += [f"imu_alignment_{a}" for a in "xyz"] + ["position_delay"]
-    return names + [f"force_{what}_{i + 1}" for what in ("offset", "gain") for i in range(n_cables)]
-
-
 def _estimate(messages: list[Any]) -> Table:
+    if any(m.systematic_name != messages[0].systematic_name for m in messages):
+        raise InputError("estimate: the systematic parameters change within the run: allowed: one robot per run")
     columns: dict[str, Values] = {}
     vectors = {
         "cog": [f"cog_{a}" for a in "xyz"],
         "inertia_cog": [f"inertia_cog_{e}" for e in INERTIA],
-        "systematic": _systematic_names((len(messages[0].systematic) - 11) // 2),
+        "systematic": list(messages[0].systematic_name),
     }
     for end in ("", "_std"):
         columns |= _scalars("estimate", [f"mass{end}"], messages)
@@ -131,7 +126,8 @@ _OF_CHANNEL: Final[dict[str, tuple[str, Callable[[list[Any]], Table]]]] = {
     "EVENT": ("event_t", _events),
     "HEALTH": ("health_t", _health),
 }
-_NO_SHEET: Final = ("RAW", "CONFIG", "HOST", "COMMAND")  # frames, settings, the machine; answers to commands are events
+_NO_SHEET: Final = ("RAW", "ORDER", "CONFIG", "HOST", "COMMAND")  # frames, their order, settings, the machine; answers
+# to commands are events
 
 
 def of_lcm(path: Path, prefix: str, remarks: list[str]) -> dict[str, Table]:
@@ -209,7 +205,7 @@ def write_csv(path: Path, table: Table, with_units: bool = True) -> None:
 
 
 def name_of(columns: Iterable[str]) -> str:
-    """Which table has such columns."""
+    """Name of the table that has such columns."""
     known = set(columns)
     return next((name for name, key in KEY_COLUMN.items() if key in known), "health")
 
@@ -261,7 +257,7 @@ def _aligned(run: Path, robot_file: Path | None) -> Table:
 
 
 def _of_folder(run: Path, robot_file: Path | None, frames: CanLog | None, remarks: list[str]) -> dict[str, Table]:
-    """What lies in a run folder beside its log."""
+    """Tables of a run folder, beside those of its log."""
     found = {}
     for name in ("tracker", "signals"):
         if (run / f"{name}.csv").exists():
@@ -275,7 +271,7 @@ def _of_folder(run: Path, robot_file: Path | None, frames: CanLog | None, remark
 
 
 def read(run: Path, robot_file: Path | None, prefix: str, remarks: list[str]) -> Dataset:
-    """A run folder, an LCM log or a CAN log. What it lacks or where it is damaged is told in remarks.
+    """A run folder, an LCM log or a CAN log. remarks: missing parts and damage.
 
     InputError: there is nothing in it, or it was written with other message types.
     """

@@ -39,13 +39,11 @@ def _package(name: str, form: str) -> Any:
         return importlib.import_module(name)
     except ImportError:
         root = name.partition(".")[0]
-        raise InputError(
-            f"{form}: needs the Python package {root}: allowed: after pip install 'inertiad[export]'"
-        ) from None
+        raise InputError(f"{form}: needs the Python package {root}; run pip install 'inertiad[export]'") from None
 
 
 def dataset_of(found: list[Table], source: str, frames: CanLog | None = None) -> Dataset:
-    """What a file held; a table of frames becomes CAN frames again. InputError: nothing, or it is damaged."""
+    """Dataset of a file's tables; a table of frames becomes CAN frames again. InputError: nothing, or it is damaged."""
     by_name = {table.name: table for table in found if len(table)}
     if "frames" in by_name:
         frames = dataset.frames_of(by_name.pop("frames"), source)
@@ -365,7 +363,7 @@ def _read_mf4(path: Path) -> tuple[list[Table], bool, str]:
 def write_candump(path: Path, data: Dataset) -> list[Path]:
     """The frames as candump lines. InputError: the run has none."""
     if data.frames is None:
-        raise InputError(f"{data.source}: no CAN frame in it: allowed with candump: a run that has some")
+        raise InputError(f"{data.source}: it has no CAN frames, so candump cannot be written")
     path.write_bytes(b"".join(canlog.lines(data.frames)))
     return [path]
 

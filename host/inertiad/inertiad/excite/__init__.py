@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that tell mass, centre of gravity and inertia as well as a robot's limits allow.
+"""Optimal excitation: motions that minimise the covariance of mass, CoG and inertia within the robot's limits.
 
     minimise  log tr(W S)  (A)  or  log det(W S) / 10  (D)     S: covariance of mass, CoG, inertia
     over      q(t) = q_0 + B(t) c      quintic B-splines in x y z roll pitch yaw, at rest at both ends

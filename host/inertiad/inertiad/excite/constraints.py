@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a planned motion must keep to: tensions, workspace, tilt, speed, acceleration, distances.
+"""Constraints of a planned motion: tensions, workspace, tilt, speed, acceleration, distances.
 
 Every limit is a function g of pose coordinates q = x y z roll pitch yaw and their two derivatives, in its own unit of
 excess: g <= 0 is allowed, g = 0.1 means a tenth over. Tensions are those that inverse_dynamics.py gives the motion.
@@ -65,7 +65,7 @@ class Checker:
     limits: Limits
 
     def __getstate__(self) -> dict[str, Any]:
-        """For other processes: what it was made of, not what was computed since."""
+        """Pickled: the fields, without cached values."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
@@ -182,7 +182,7 @@ class Checker:
         return np.hstack([*columns, *moving, distances]), motion, f
 
     def worst(self, t: Array, q: Array, dq: Array, ddq: Array) -> tuple[float, str]:
-        """The greatest excess, and what and where it is."""
+        """The greatest excess, with its constraint and place."""
         g, motion, f = self.excess(q, dq, ddq)
         k, c = np.unravel_index(int(np.argmax(g)), g.shape)
         name, m = self.names[int(c)], self.model.robot.n_cables
@@ -202,7 +202,7 @@ def check_pose(checker: Checker, pose: Array, name: str) -> None:
     if robot.n_cables < 6:
         raise InputError(
             f"{checker.model.source}: {robot.n_cables} cables leave {6 - robot.n_cables} of 6 degrees of freedom free, "
-            "no motion can be commanded along them: allowed: excite --poses N, rests to swing between"
+            "no motion can be commanded along them; use excite --poses N, rests to swing between"
         )
     try:
         excess, where = checker.worst(np.zeros(1), pose[None], still, still)

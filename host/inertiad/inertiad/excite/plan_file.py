@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan is written as: pose CSV, JSON with predicted sigmas, a picture, a few lines of text."""
+"""Files of a plan: pose CSV, JSON with predicted sigmas, a picture; and its summary as text."""
 
 import json
 from pathlib import Path
@@ -33,7 +33,7 @@ def write_csv(path: Path, request: Request, plan: Plan, rate: float = fisher_inf
     np.savetxt(path, data, delimiter=",", header=",".join(names), comments="", fmt="%.9g")
 
 
-def summary(request: Request, plan: Plan) -> dict[str, Any]:
+def document(request: Request, plan: Plan) -> dict[str, Any]:
     """Contents of the plan's JSON file; sigma as in estimate.json."""
     body, sigma, limits = request.checker.model.body, plan.sigma.tolist(), request.checker.limits
     keys = {"mass": sigma[0], "cog": sigma[1:4], "inertia_cog": sigma[4:]}
@@ -67,7 +67,7 @@ def _driven(plan: Plan) -> dict[str, Any]:
 
 
 def write_json(path: Path, request: Request, plan: Plan) -> None:
-    path.write_text(json.dumps(summary(request, plan), indent=1) + "\n")
+    path.write_text(json.dumps(document(request, plan), indent=1) + "\n")
 
 
 def draw(path: Path, request: Request, plan: Plan) -> None:
@@ -120,7 +120,7 @@ def _ellipses(axis: Any, covariance: Array, pairs: tuple[tuple[int, int, str], .
         axis.plot(x, y, lw=1, label=label)
 
 
-def spoken(plan: Plan) -> list[str]:
+def summary(plan: Plan) -> list[str]:
     """The plan in a few lines."""
     units = {"kg": (1.0, "kg"), "m": (1e3, "mm"), "kg m2": (1.0, "kg m2")}
     sigma = [f"{n} {s * units[u][0]:.2g} {units[u][1]}" for n, s, u in zip(NAMES, plan.sigma, UNITS, strict=True)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plans: motions that were checked against every limit, with what a run of each will report."""
+"""Plans: motions checked against every limit, with their predicted results."""
 
 import itertools
 from dataclasses import dataclass, field, replace
@@ -14,28 +14,20 @@ from inertiad.excite.constraints import Checker, check_pose
 from inertiad.excite.problem import HOP, REST, SPACING, Criterion, Problem, Splined, goal_of, motion_basis, pose_basis
 from inertiad.excite.search import Progress, largest, search_all
 from inertiad.identify import fisher_information
-from inertiad.identify.fisher_information import Model
 from inertiad.model import forward_dynamics, trajectory
 from inertiad.model.forward_dynamics import Moved
 from inertiad.model.trajectory import Motion, Moves, Trajectory
+from inertiad.robot import configuration, systematic
 
 LONGEST = 120.0
 """s, the longest motion tried for a wanted accuracy"""
 FINE_RATE = 50.0
 """Hz at which a found motion is checked against the limits"""
 
-GROUPS = (
-    ("attitude", slice(10, 13)),
-    ("world_yaw", slice(13, 14)),
-    ("acc_bias", slice(14, 17)),
-    ("imu_alignment", slice(17, 20)),
-    ("position_delay", slice(20, 21)),
-)
-
 
 @dataclass(frozen=True)
 class Plan:
-    """A motion and what a run of it will report."""
+    """A motion and its predicted result."""
 
     path: Trajectory
     method: str
@@ -44,7 +36,7 @@ class Plan:
     covariance: Array
     """[10, 10]"""
     driven: Moved
-    """what becomes of it on elastic cables, under a controller where there are cables enough for one"""
+    """the motion on elastic cables, under a controller where there are cables enough for one"""
     tension: tuple[float, float]
     """N, least and greatest on the path itself"""
     binding: list[str] = field(default_factory=list)
@@ -85,14 +77,14 @@ def driven(checker: Checker, path: Trajectory, method: str) -> Moved:
     """The path under a controller on elastic cables. InputError, with cable and time: a tension breaks a limit."""
     mechanics, plant = checker.mechanics, underactuated.elastic(checker)
     moved = forward_dynamics.move(mechanics, mechanics, path, plant, fisher_information.REHEARSAL_RATE)
-    _, *broken = forward_dynamics.spoken(moved, checker.model.robot)
+    _, *broken = forward_dynamics.summary(moved, checker.model.robot)
     if broken:
         raise InputError(f"{method}: driven by a controller on elastic cables: {'; '.join(broken)}")
     return moved
 
 
 def predicted(checker: Checker, path: Trajectory, method: str) -> Plan:
-    """What a run of the path will report. InputError, with the limit and the place, if it breaks one."""
+    """Predicted result of a path. InputError, with the limit and the place, if it breaks one."""
     f, g, binding = _checked(checker, path)
     if g.max() > 0.02:
         k, c = np.unravel_index(int(np.argmax(g)), g.shape)
@@ -107,7 +99,7 @@ def predicted(checker: Checker, path: Trajectory, method: str) -> Plan:
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for."""
+    """A request, checked."""
 
     checker: Checker
     start: Array
@@ -133,13 +125,13 @@ def optimal(request: Request, duration: float, progress: Progress) -> Plan:
 
 
 def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
-    """The shortest motion found that brings every sigma [10] to what is wanted (inf: does not matter)."""
+    """The shortest motion found that reaches every wanted sigma [10] (inf: any)."""
     quick = replace(request, n_starts=2)
     low, high, plan = 5.0, 10.0, optimal(quick, 10.0, progress)
     while np.any(plan.sigma > wanted):
         low, high = high, 1.6 * high
         if high > LONGEST:
-            raise InputError(f"--sigma: {_out_of_reach(request.checker.model, plan, wanted)}")
+            raise InputError(f"--sigma: {_out_of_reach(request.checker, plan, wanted)}")
         progress(f"{high:.0f} s")
         plan = optimal(quick, high, progress)
     for _ in range(3):
@@ -150,23 +142,28 @@ def shortest(request: Request, wanted: Array, progress: Progress) -> Plan:
     return plan
 
 
-def _out_of_reach(model: Model, plan: Plan, wanted: Array) -> str:
-    """In words: which sigma stays too large, and what keeps it there."""
+def _declared(model: fisher_information.Model, group: systematic.Group) -> float:
+    """The sigma of [std] of a kind of systematic parameter; cable_inertia has none."""
+    return configuration.std(model.robot).get(group.std_key, float("nan"))
+
+
+def _out_of_reach(checker: Checker, plan: Plan, wanted: Array) -> str:
+    """Text: the sigma that stays too large, and the systematic error that limits it."""
     worst = int(np.argmax(plan.sigma / wanted))
     _, motion = sampled(plan.path, fisher_information.REHEARSAL_RATE)
-    f = Checker(model, None).tensions(motion)  # type: ignore[arg-type]  # no limits needed for tensions
-    data = model.windows(motion, f, fisher_information.REHEARSAL_RATE)
-    m, base = model.robot.n_cables, model.information(data)
-    groups = [*GROUPS, ("force_offset", slice(21, 21 + m)), ("force_gain", slice(21 + m, 21 + 2 * m))]
+    model = checker.model
+    base = model.information(model.windows(motion, checker.tensions(motion), fisher_information.REHEARSAL_RATE))
     known = {}
-    for name, columns in groups:
-        better = base.copy()
-        better[columns, columns] += np.diag(np.full(columns.stop - columns.start, 1e18))
-        known[name] = float(model.sigma(better)[worst])
-    name = min(known, key=lambda key: known[key])
+    for group in systematic.planned_groups(model.robot.n_cables):
+        if np.isnan(_declared(model, group)):
+            continue
+        columns, better = model.columns(group), base.copy()
+        better[columns, columns] += np.diag(np.full(group.n, 1e18))
+        known[group] = float(model.sigma(better)[worst])
+    limit = min(known, key=lambda group: known[group])
     return (
         f"{NAMES[worst]} stays at {plan.sigma[worst]:.3g} {UNITS[worst]} after {plan.path.duration:.0f} s, wanted "
-        f"{wanted[worst]:.3g}: what limits it is [std] {name} = {getattr(model.robot.std, name):g}: calibrate it first"
+        f"{wanted[worst]:.3g}: the limit is [std] {limit.std_key} = {_declared(model, limit):g}: calibrate it first"
     )
 
 
@@ -193,7 +190,7 @@ def moves(request: Request, poses: Array, hold: float, method: str) -> Plan:
 
 
 def _hanging_poses(request: Request, n_poses: int, hold: float, progress: Progress) -> Plan:
-    """The same for a platform that only hangs, whose swings tell something, too."""
+    """The same for a platform that only hangs, whose swings carry information, too."""
     checker, model = request.checker, request.checker.model
     progress("look for places to hang")
     scale = goal_of(model, request.criterion, static=True).scale
@@ -206,13 +203,13 @@ def _hanging_poses(request: Request, n_poses: int, hold: float, progress: Progre
     remarks = [f"{model.robot.n_cables} cables leave {n_free} of 6 degrees of freedom free: lengths are planned"]
     untold = [name for name, s, prior in zip(NAMES, sigma, model.prior_sigma(), strict=True) if s > 0.5 * prior]
     if untold:
-        remarks.append(f"hardly told better than before: {', '.join(untold)}")
+        remarks.append(f"not better known than before: {', '.join(untold)}")
     method = f"{n_poses} poses"
     return Plan(path, method, sigma, covariance, moved, (float(f.min()), float(f.max())), [], remarks)
 
 
 def static_poses(request: Request, n_poses: int, hold: float, progress: Progress) -> Plan:
-    """The N poses at rest that tell mass, CoG and force offsets best, in an order of short ways."""
+    """The N static poses with most information on mass, CoG and force offsets, in an order of short ways."""
     if request.checker.model.robot.n_cables < 6:
         return _hanging_poses(request, n_poses, hold, progress)
     check_pose(request.checker, request.start, "start pose")

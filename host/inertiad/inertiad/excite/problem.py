@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a search minimises: the cost of coefficients and the limits they must keep, with gradients.
+"""The optimisation problem: cost and constraints of the spline's coefficients, with gradients.
 
 Gradients: dS/dH in closed form, dH and the limits by differences over the 18 pose values of an instant, all instants at
 once, so their cost does not depend on the number of coefficients.
@@ -83,7 +83,7 @@ class Splined:
 
 @dataclass(frozen=True)
 class Goal:
-    """What counts as well known."""
+    """Weights of the criterion."""
 
     criterion: Criterion
     scale: Array

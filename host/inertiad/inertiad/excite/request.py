@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the command line asks for: its words to numbers, limits and the plan that answers."""
+"""The request of the command line: its text parsed to numbers and limits, and the plan for it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,7 +84,7 @@ def limits_from(model: Model, box: str | None, tilt: float, yaw: float, speed: f
 
 
 @dataclass(frozen=True)
-class Asked:
+class Arguments:
     """The command line's words; see `inertiactl excite -h`."""
 
     motion: str = "optimal"
@@ -102,40 +102,40 @@ class Asked:
     acceleration: float = 2.0
 
 
-def _request(robot_file: Path, asked: Asked, n_starts: int, seed: int) -> Request:
-    if asked.motion not in MOTIONS:
-        hint = nearest(asked.motion, MOTIONS)
-        raise InputError(f'--motion "{asked.motion}": allowed: {", ".join(MOTIONS)}{hint}')
+def _request(robot_file: Path, arguments: Arguments, n_starts: int, seed: int) -> Request:
+    if arguments.motion not in MOTIONS:
+        hint = nearest(arguments.motion, MOTIONS)
+        raise InputError(f'--motion "{arguments.motion}": allowed: {", ".join(MOTIONS)}{hint}')
     robot = description.load(robot_file)
     if robot.nominal is None:
         raise InputError(f"{robot_file}: no [nominal] body: excite needs one to plan tensions with")
-    if asked.criterion not in ("A", "D"):
-        raise InputError(f'--criterion "{asked.criterion}": allowed: A, D')
+    if arguments.criterion not in ("A", "D"):
+        raise InputError(f'--criterion "{arguments.criterion}": allowed: A, D')
     model = Model(robot, str(robot_file), robot.nominal)
-    limits = limits_from(model, asked.box, asked.tilt, asked.yaw, asked.speed, asked.acceleration)
-    if asked.motion == "paper":  # the poses are given: only what the robot cannot do is refused
+    limits = limits_from(model, arguments.box, arguments.tilt, arguments.yaw, arguments.speed, arguments.acceleration)
+    if arguments.motion == "paper":  # the poses are given: only what the robot cannot do is refused
         far = np.full(3, 1e4)
         limits = replace(limits, low=-far, high=far, tilt=np.deg2rad(80.0), yaw=np.pi, margin=0.0)
     middle = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
-    start = middle if asked.start is None else pose_from(asked.start, "--start")
-    criterion: Criterion = "A" if asked.criterion == "A" else "D"
+    start = middle if arguments.start is None else pose_from(arguments.start, "--start")
+    criterion: Criterion = "A" if arguments.criterion == "A" else "D"
     return Request(Checker(model, limits), start, criterion, n_starts, seed)
 
 
-def _paper(request: Request, asked: Asked) -> Plan:
+def _paper(request: Request, arguments: Arguments) -> Plan:
     """There and back between two poses, those of the paper where none are given."""
-    start = request.start if asked.start is not None else trajectory.PAPER_PAIRS[0, 0]
-    end = trajectory.PAPER_PAIRS[0, 1] if asked.end is None else pose_from(asked.end, "--end")
+    start = request.start if arguments.start is not None else trajectory.PAPER_PAIRS[0, 0]
+    end = trajectory.PAPER_PAIRS[0, 1] if arguments.end is None else pose_from(arguments.end, "--end")
     return moves(request, np.array([start, end, start]), REST, "paper")
 
 
-def plan(robot_file: Path, asked: Asked, n_starts: int, seed: int, progress: Progress) -> tuple[Request, Plan]:
-    """What the command line asks for. InputError: it cannot be had, and which limit is in the way."""
-    request = _request(robot_file, asked, n_starts, seed)
-    if asked.poses:
-        return request, static_poses(request, asked.poses, asked.hold, progress)
-    if asked.motion == "paper":
-        return request, _paper(request, asked)
-    if asked.sigma is not None:
-        return request, shortest(request, wanted_sigma(asked.sigma, request.checker.model), progress)
-    return request, optimal(request, asked.duration, progress)
+def plan(robot_file: Path, arguments: Arguments, n_starts: int, seed: int, progress: Progress) -> tuple[Request, Plan]:
+    """The plan of a request. InputError: there is none; the text names the limit in the way."""
+    request = _request(robot_file, arguments, n_starts, seed)
+    if arguments.poses:
+        return request, static_poses(request, arguments.poses, arguments.hold, progress)
+    if arguments.motion == "paper":
+        return request, _paper(request, arguments)
+    if arguments.sigma is not None:
+        return request, shortest(request, wanted_sigma(arguments.sigma, request.checker.model), progress)
+    return request, optimal(request, arguments.duration, progress)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plans for fewer than six cables: the platform can be brought to rest where it hangs, and swings on the way.
 
-No motion can be commanded along the free directions, so what is planned are lengths: those of level poses, from rest to
-rest. Where the platform hangs on them, how it swings between, and what that tells of the body follows from
+No motion can be commanded along the free directions, so the plan consists of cable lengths: those of level poses, from
+rest to rest. Where the platform hangs on them, how it swings between, and the resulting information follow from
 forward_dynamics.py.
 """
 
@@ -78,7 +78,7 @@ def _candidates(checker: Checker, middle: Array, dice: np.random.Generator) -> l
     if not found or _rest(checker, middle) is None:
         raise InputError(
             f"{checker.model.source}: {robot.n_cables} cables: nowhere in the box does the platform hang at rest with "
-            "every tension within its limits: allowed: another --box or --tilt"
+            "every tension within its limits; change --box or --tilt"
         )
     return found
 
@@ -125,7 +125,7 @@ def rests(
     move_time: Callable[[Array, Array], float],
     dice: np.random.Generator,
 ) -> tuple[Moves, Moved]:
-    """Lengths of level poses to command, and what the platform does on them: n rests of hold [s] that tell most,
+    """Lengths of level poses to command, and the resulting motion: the n rests of hold [s] with most information,
     starting in the middle of the box.
 
     InputError: nowhere to rest, or it swings out of the limits however slowly it is moved.
@@ -143,7 +143,7 @@ def rests(
         if np.all((moved.f >= low) & (moved.f <= high)):
             return path, moved
         times = [SLOWER * seconds for seconds in times]
-    raise InputError(f"{n_poses} poses: {'; '.join(forward_dynamics.spoken(moved, robot)[1:])}")
+    raise InputError(f"{n_poses} poses: {'; '.join(forward_dynamics.summary(moved, robot)[1:])}")
 
 
 def sampled(moved: Moved) -> tuple[Motion, Array]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of the sensors from runs: what the data tell, what they cannot tell, and a file for compile.
+"""Calibration of the sensors from runs: observable errors, unobservable ones, and a file for compile.
 
 Runs of one robot with one or more bodies on it. Where the difference of their masses is known (--payload), the force
-gains can be told; without it their common part cannot: all forces 1 % higher are all masses 1 % higher. A parameter
-whose sigma the data leave above 0.9 of its prior's is refused: it stays as it was and is named.
+gains are observable; without it their common part is not: all forces 1 % higher are all masses 1 % higher. A parameter
+whose posterior sigma is above 0.9 of its prior's is refused: it keeps its value and is reported.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+import inertiad_core
 from inertiad.base import table
 from inertiad.base.error import InputError
 from inertiad.base.finding import Finding, ordered
@@ -21,29 +22,29 @@ from inertiad.base.quantity import forces
 from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
 from inertiad.identify import diagnose, findings, fit
-from inertiad.identify.fit import Group, names
-from inertiad.robot import description
-from inertiad.robot.description import Robot
+from inertiad.robot import description, systematic
+from inertiad.robot.description import LeftOver, Robot
+from inertiad.robot.systematic import Group, names
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
 Flags = NDArray[np.bool_]
 
 NOT_TOLD: Final = 0.9
-"""posterior sigma, of the prior's, above which the data have said nothing"""
+"""posterior sigma, of the prior's, above which a parameter counts as not observable"""
 HARDLY: Final = 0.5
 CORRELATED: Final = 0.9
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What was found about the sensors; all arrays in the order of systematic.h."""
+    """Estimated sensor errors; all arrays in the order of systematic.h."""
 
     robot: Robot
     xi: Array
     """corrections [n]; 0 where refused"""
     std: Array
-    """what is left of each, one sigma [n]"""
+    """posterior sigma of each [n]"""
     prior_std: Array
     covariance: Array
     """[n, n] of the corrections"""
@@ -53,7 +54,7 @@ class Calibration:
     """of the bodies, by payload"""
     payloads: list[float]
     directions: list[str]
-    """combinations of parameters that the data cannot tell, in words"""
+    """unobservable combinations of parameters, as text"""
     findings: list[Finding]
     """the worst first"""
 
@@ -99,7 +100,7 @@ def with_tare(robot: Robot, file: Path) -> Robot:
 
 
 def _unit_directions(covariance: Array, prior_std: Array, labels: list[str]) -> list[str]:
-    """Combinations of parameters, in prior sigmas, whose variance the data leave as it was; single ones left out."""
+    """Combinations of parameters, in prior sigmas, whose variance the data do not reduce; single ones left out."""
     scaled = covariance / np.outer(prior_std, prior_std)
     value, vector = np.linalg.eigh(scaled)
     found = []
@@ -115,8 +116,8 @@ def _unit_directions(covariance: Array, prior_std: Array, labels: list[str]) -> 
 
 
 def _common_gain(covariance: Array, prior_std: Array, group: Group) -> bool:
-    """True if the mean of all force gains is as unknown as before."""
-    part = slice(group.first, group.first + group.n)
+    """True if the mean of all force gains is not observable."""
+    part = group.part
     mean = covariance[part, part].sum() / group.n**2
     return bool(np.sqrt(mean) > NOT_TOLD * prior_std[part].mean() / np.sqrt(group.n))
 
@@ -142,16 +143,16 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     n = len(names(robot.n_cables))
     free = np.ones(n, dtype=bool)
     result = _solve(config, recordings, payload, is_known, free)
-    n_theta = 10 * len(set(payload))
-    part = slice(n_theta, n_theta + n)
-    covariance = np.array(result["covariance"])[part, part]
-    prior_std = np.array(result["prior_std"])[part]
-    refused = np.sqrt(np.diag(covariance)) > NOT_TOLD * prior_std
+    told = np.array(result["free"], dtype=int)
+    part = slice(10 * len(set(payload)), 10 * len(set(payload)) + len(told))
+    covariance, prior_std = np.zeros((n, n)), np.maximum(inertiad_core.systematic_std(config), 1e-12)
+    covariance[np.ix_(told, told)] = np.array(result["covariance"])[part, part]
+    refused = np.sqrt(np.diag(covariance)) >= NOT_TOLD * prior_std
     directions = _unit_directions(covariance, prior_std, names(robot.n_cables))
-    gains = next(g for g in fit.groups(robot.n_cables) if g.name == "force_gain")
+    gains = systematic.group("force_gain", robot.n_cables)
     if _common_gain(covariance, prior_std, gains):
         directions = [d for d in directions if "force_gain" not in d]
-        directions.insert(0, "common force gain; a run with a known added weight tells it: --payload RUN=KG")
+        directions.insert(0, "common force gain; add a run with a known added weight: --payload RUN=KG")
     if refused.any() and not refused.all():
         result = _solve(config, recordings, payload, is_known, ~refused)
     estimates = [fit.of_batch("joint", result, g) for g in range(len(set(payload)))]
@@ -159,7 +160,7 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     found = diagnose.diagnose(robot, recordings)
     found += findings.of_result(robot, config, result, recordings, [levels.index(p) for p in payload])
     xi = np.where(refused, 0.0, np.array(result["xi"]))
-    std = np.where(refused, prior_std, np.sqrt(np.diag(covariance)))
+    std = np.maximum(np.where(refused, prior_std, np.sqrt(np.diag(covariance))), 1e-12)
     return Calibration(
         robot, xi, std, prior_std, covariance, refused, estimates, sorted(set(payload)), directions, ordered(found)
     )
@@ -172,18 +173,18 @@ def _turned(first: list[float], then: Array) -> list[float]:
 def _left_over(calibration: Calibration) -> dict[str, float]:
     """One sigma for all parameters of a kind, as the daemon takes it: the largest in any direction."""
     result = {}
-    for group in fit.groups(calibration.robot.n_cables):
-        part = slice(group.first, group.first + group.n)
-        largest = float(np.linalg.eigvalsh(calibration.covariance[part, part])[-1])
-        key = "attitude" if group.name == "attitude_bias" else group.name
-        result[key] = float(min(np.sqrt(largest), calibration.prior_std[part].max()))
+    for group in systematic.groups(calibration.robot.n_cables):
+        if group.std_key not in LeftOver.model_fields:
+            continue
+        largest = float(np.linalg.eigvalsh(calibration.covariance[group.part, group.part])[-1])
+        result[group.std_key] = float(min(np.sqrt(largest), calibration.prior_std[group.part].max()))
     return result
 
 
 def document(calibration: Calibration) -> dict[str, Any]:
     """Contents of calibration.toml: robot.toml's [calibration] with the corrections in it."""
     old, xi, m = calibration.robot.calibration, calibration.xi, calibration.robot.n_cables
-    part = {g.name: xi[g.first : g.first + g.n] for g in fit.groups(m)}
+    part = {g.name: xi[g.part] for g in systematic.groups(m)}
     labels = names(m)
     return {
         "acc_bias": (np.array(old.acc_bias) + part["acc_bias"]).tolist(),
@@ -195,6 +196,7 @@ def document(calibration: Calibration) -> dict[str, Any]:
         .tolist(),
         "position_delay": float(old.position_delay + part["position_delay"][0]),
         "force_delay": float(old.force_delay + part["force_delay"][0]),
+        "attitude_delay": float(old.attitude_delay + part["attitude_delay"][0]),
         "force_offset": (np.array(old.force_offset or np.zeros(m)) + part["force_offset"]).tolist(),
         "force_gain": (np.array(old.force_gain or np.zeros(m)) + part["force_gain"]).tolist(),
         "not_told": [labels[i] for i in np.flatnonzero(calibration.refused)] + calibration.directions,
@@ -211,18 +213,18 @@ def write(path: Path, calibration: Calibration) -> None:
 
 
 def text(calibration: Calibration) -> str:
-    """Every parameter with what is left of its uncertainty, for people."""
+    """Every parameter with its posterior sigma, as a table for people."""
     lines = [f"{'':18} {'correction':>11} {'± std':>9} {'prior':>9}  {'unit':6}"]
     labels, ratio = names(calibration.robot.n_cables), calibration.ratio
-    for group in fit.groups(calibration.robot.n_cables):
+    for group in systematic.groups(calibration.robot.n_cables):
         for i in range(group.first, group.first + group.n):
             k = group.factor
             numbers = f"{k * calibration.xi[i]:11.4f} {k * calibration.std[i]:9.4f} {k * calibration.prior_std[i]:9.4f}"
             line = f"{labels[i]:18} {numbers}  {group.unit:6}"
             word = (
-                "  not told by these runs: left as it was"
+                "  not observable in these runs: unchanged"
                 if calibration.refused[i]
-                else "  hardly told"
+                else "  poorly observable"
                 if ratio[i] > HARDLY
                 else ""
             )
@@ -231,7 +233,7 @@ def text(calibration: Calibration) -> str:
 
 
 def correlations(calibration: Calibration) -> list[str]:
-    """Pairs of parameters that the data tell apart badly, the worst first."""
+    """Highly correlated pairs of parameters, the worst first."""
     std = np.sqrt(np.diag(calibration.covariance))
     r = np.triu(calibration.covariance / np.outer(std, std), 1)
     labels = names(calibration.robot.n_cables)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mistakes of wiring, units and mounting, told from the data and named in words an engineer acts on.
+"""Mistakes of wiring, units and mounting, detected from the data, each named with its remedy.
 
-Three kinds. What a look at the signals shows: nothing moves, a cable is slack, a sensor saturates, gravity has the
-wrong sign, positions are in mm. What a trial shows: the same runs are fitted again as if two channels were exchanged or
-the IMU turned; where the residual falls to less than half, and below every other trial's, that is the mistake. Trials
-are plain weighted least squares, so one costs milliseconds. And what only a fit of body and sensor errors together
-shows, because these would hide it: the radius of the pulleys, one more unknown.
+Three kinds of detection. Signals alone: nothing moves, a cable is slack, a sensor saturates, gravity has the wrong
+sign, positions are in mm. Trials: the same runs are fitted again as if two channels were exchanged or the IMU turned;
+a trial whose residual falls to less than half, and below every other trial's, is the mistake. Trials are plain weighted
+least squares and cost milliseconds each. Joint fit of body and sensor errors, for the pulley radius: sensor errors
+would hide it, so it is one more unknown of that fit.
 """
 
 from collections.abc import Iterator
@@ -75,8 +75,9 @@ def _rows(rows: Any, n: int, f: Array, acc: Array | None = None, position: Array
     t_ns = np.rint(1e9 * rows.t[:n]).astype(np.int64)
     acc = rows.acc[:n] if acc is None else acc
     position = rows.position[:n] if position is None else position
-    arrays = [np.ascontiguousarray(a) for a in (acc, rows.gyro[:n], rows.q[:n], position, f)]
-    return inertiad_core.Rows(t_ns, *arrays, rows.derives_force, rows.derives_rate)
+    values = (acc, rows.gyro[:n], rows.q[:n], position, f)
+    acc, gyro, q, position, f = (np.ascontiguousarray(a) for a in values)
+    return inertiad_core.Rows(t_ns, acc, gyro, q, position, f, rows.derives_force, rows.derives_rate)
 
 
 def residual(config: Any, size: float, rows: list[Any]) -> float:
@@ -217,7 +218,7 @@ def _trials(robot: Robot, recordings: list[Recording]) -> tuple[list[Finding], f
 
 
 def _force_scale(rows: list[Any]) -> float:
-    """N: what the cables pull, all together, on average."""
+    """N: mean of the sum of all cable forces."""
     return float(np.mean([np.abs(r.f).sum(axis=1).mean() for r in rows]))
 
 
@@ -238,7 +239,7 @@ def _gravity(robot: Robot, run: Recording) -> list[str]:
         return []
     if np.linalg.norm(s - np.array([0.0, 0.0, -g])) < 0.3 * g:
         return [
-            f"{run.path}: at rest the accelerometer says {s[2]:.2f} m/s2 along z of the world, it must say +{g:.2f}: "
+            f"{run.path}: at rest the accelerometer reads {s[2]:.2f} m/s2 along z of the world, expected +{g:.2f}: "
             "gravity has the wrong sign, or the IMU gives acceleration the other way round"
         ]
     if abs(np.linalg.norm(s) - 1.0) < 0.3:
@@ -268,12 +269,12 @@ def _gyro_unit(run: Recording) -> list[str]:
     if abs(slope - 1.0) < 0.3:
         return []
     if abs(slope / np.rad2deg(1.0) - 1.0) < 0.3:
-        return [f"{run.path}: the gyro is {slope:.1f} times what the attitude says: is it in deg/s?"]
-    return [f"{run.path}: the gyro is {slope:.2f} times what the attitude says: look at its axes, sign and unit"]
+        return [f"{run.path}: the gyro is {slope:.1f} times the rate of the attitude: is it in deg/s?"]
+    return [f"{run.path}: the gyro is {slope:.2f} times the rate of the attitude: check its axes, sign and unit"]
 
 
 def _force_unit(robot: Robot, recordings: list[Recording]) -> list[str]:
-    """The force along gravity against the nominal mass, else against what the cables are made for."""
+    """The force along gravity against the nominal mass, else against the cables' limits."""
     lifted = []
     light = [c.model_copy(update={"weight_per_length": 0.0}) for c in robot.cable]  # its weight has a unit of its own
     config = reader.config_of(robot.model_copy(update={"cable": light}), robot.name)

@@ -17,6 +17,7 @@ from inertiad.base.table import Array
 from inertiad.identify import block_statistics, fit
 from inertiad.identify.block_statistics import BLOCKS_MIN, Copies, Indices
 from inertiad.identify.fit import Estimate
+from inertiad.robot import systematic
 from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run.reader import Recording
@@ -59,6 +60,13 @@ SEPARATES: Final = {
     "position_delay": "add faster motion; synchronise the tracker with the bus",
     "force_delay": "add faster motion; give the force frames their device time",
     "gyro_bias": "let the platform rest for some seconds in every run",
+    "attitude_delay": "turn the platform faster; give the attitude frames their device time",
+    "imu_position": "turn the platform faster about all axes; measure where the IMU sits on it",
+    "tracker_target": "turn the platform further about all axes; measure where the tracker's target sits on it",
+    "acc_scale": "calibrate the accelerometer in six positions",
+    "gyro_scale": "turn the platform further about all axes",
+    "friction": "move every cable in both directions; measure the pulleys' friction and state it in robot.toml",
+    "cable_inertia": "move slower; state the cables' mass per length and their drums in robot.toml",
 }
 
 
@@ -77,7 +85,7 @@ def residual(result: dict[str, Any]) -> tuple[float, float]:
 
 def _far(result: dict[str, Any], robot: Robot) -> list[tuple[str, float, float]]:
     """Name, value in its unit and size in prior sigmas of every sensor error, the furthest first."""
-    labels, n_theta = fit.names(robot.n_cables), 10 * len(result["body"])
+    labels, n_theta = systematic.names(robot.n_cables), 10 * len(result["body"])
     found = []
     for k, i in enumerate(result["free"]):
         prior = float(result["prior_std"][n_theta + k])
@@ -170,8 +178,8 @@ def _few_blocks(result: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
-    units = [(g.factor, g.unit) for g in fit.groups(robot.n_cables) for _ in range(g.n)]
-    labels = fit.names(robot.n_cables)
+    units = [(g.factor, g.unit) for g in systematic.groups(robot.n_cables) for _ in range(g.n)]
+    labels = systematic.names(robot.n_cables)
     for name, value, far in _far(result, robot)[:NAMED_MOST]:
         if far > FAR:
             factor, unit = units[labels.index(name)]
@@ -239,8 +247,10 @@ def kinds_of_unknowns(robot: Robot, result: dict[str, Any], group: int = 0) -> d
     """Where the body and each kind of sensor error are among the unknowns."""
     free, n_theta = list(result["free"]), 10 * len(result["body"])
     found = {"body": np.arange(10 * group, 10 * group + 10)}
-    for kind in fit.groups(robot.n_cables):
+    for kind in systematic.groups(robot.n_cables):
         at = [n_theta + free.index(i) for i in range(kind.first, kind.first + kind.n) if i in free]
+        if not at:
+            continue
         found[kind.name] = np.array(at, dtype=np.intp)
     found["geometry"] = np.arange(n_theta + len(free), len(result["prior_std"]))
     return found
@@ -280,7 +290,7 @@ def _confounded(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
                 "care",
                 f"{NAMES[i]} and {kind.replace('_', ' ')} cannot be separated by this motion: "
                 f"{100 * share[kind][i]:.0f} % of the variance of {NAMES[i]} comes from it",
-                SEPARATES.get(kind, "record a motion that separates them: inertiactl excite ROBOT -o excite.csv"),
+                SEPARATES[kind],
                 {"parameter": NAMES[i], "with": kind, "correlation": float(np.sqrt(min(share[kind][i], 1.0)))},
             )
 

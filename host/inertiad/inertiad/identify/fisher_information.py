@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a motion will tell the body: standard deviations before the experiment.
+"""Fisher information of a motion: predicted standard deviations of the body, before the experiment.
 
     Lambda = sum_k H_k^T C^-1 H_k + P_0^-1        H_k = [Y, -X] of window k, from the C core
     S = E Lambda^-1 E^T                           E: states -> mass, CoG, inertia about it, first order
@@ -21,8 +21,9 @@ from inertiad.base.table import Array
 from inertiad.model.inverse_dynamics import specific_force
 from inertiad.model.random_errors import wander
 from inertiad.model.trajectory import Motion, Trajectory
-from inertiad.robot import configuration
+from inertiad.robot import configuration, systematic
 from inertiad.robot.description import Nominal, Robot
+from inertiad.robot.systematic import Group
 
 WANDER_TIME = 20.0
 """s, correlation time of the attitude's wander, which robot.toml does not say"""
@@ -32,13 +33,13 @@ REHEARSAL_RATE = 100.0
 
 N_REHEARSALS = 12
 
-ATTITUDE = slice(10, 13)
-"""Columns of H that hold the attitude bias; see firmware/core/systematic.h."""
+N_THETA = 10
+"""states of the body: m, h, J; those of the systematic parameters follow"""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A robot, the body believed to hang on it, and what its filter will make of a motion."""
+    """A robot, its assumed body, and the predicted result of its filter for a motion."""
 
     robot: Robot
     source: str
@@ -47,7 +48,7 @@ class Model:
     """about which the equations are linearised and for which tensions are planned"""
 
     def __getstate__(self) -> dict[str, Any]:
-        """For other processes: what it was made of, not what was computed since."""
+        """Pickled: the fields, without cached values."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
@@ -63,7 +64,7 @@ class Model:
     @cached_property
     def E(self) -> Array:
         """d(mass, cog, inertia_cog) / d(states) [10, n], states about the IMU."""
-        n_x = 10 + 11 + 2 * self.robot.n_cables
+        n_x = N_THETA + systematic.n_planned(self.robot.n_cables)
         back = -np.array(self.robot.imu.position)
         shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
         E = np.zeros((10, n_x))
@@ -87,6 +88,11 @@ class Model:
     def residual_std(self) -> Array:
         """[6] N and N m, square roots of C's diagonal."""
         return np.repeat(configuration.residual_std(self.robot), 3)
+
+    @staticmethod
+    def columns(group: Group) -> slice:
+        """Of H and of the states, those of systematic parameters of one kind."""
+        return slice(N_THETA + group.first, N_THETA + group.first + group.n)
 
     def prior_sigma(self) -> Array:
         """One sigma [10] of mass, CoG, inertia before any data."""
@@ -149,11 +155,12 @@ class Model:
         middle = np.minimum(middle, len(f) - 1)
         centre = Motion(*(getattr(motion, name)[middle] for name in ("p", "v", "a", "R", "omega", "alpha")))
         dice = np.random.default_rng([seed, 20])
+        attitude = self.columns(systematic.group("attitude_bias", self.robot.n_cables))
         found = []
         for _ in range(N_REHEARSALS):
             turn = wander(self.robot.std.attitude_wander, WANDER_TIME, 1.0 / hop, len(H), dice)
             xi = inertiad_core.systematic_std(self.config)[:n_xi] * dice.standard_normal(n_xi)
-            y = H @ np.concatenate([self.theta, xi]) + np.einsum("kij,kj->ki", H[:, :, ATTITUDE], turn)
+            y = H @ np.concatenate([self.theta, xi]) + np.einsum("kij,kj->ki", H[:, :, attitude], turn)
             y += self._misplaced(centre, f[middle], dice)
             found.append(inertiad_core.rehearse(self.config, rate, s, motion.omega, motion.p, motion.R, f, y))
         return np.asarray(np.median(found, axis=0))

@@ -21,6 +21,7 @@ from inertiad.base.finding import Finding, ordered, verdict
 from inertiad.base.table import Array
 from inertiad.identify import block_statistics, physical_consistency
 from inertiad.identify import two_step as paper
+from inertiad.robot import systematic
 from inertiad.robot.configuration import prior, theta_of
 from inertiad.robot.description import Nominal, Robot, inertia_matrix
 from inertiad.run import reader
@@ -38,47 +39,8 @@ class NoBodyError(InputError):
 
 
 @dataclass(frozen=True)
-class Group:
-    """Systematic parameters of one kind and where they are in xi."""
-
-    name: str
-    first: int
-    n: int
-    unit: str
-    factor: float
-    """to the unit, from SI"""
-
-
-def groups(n_cables: int) -> list[Group]:
-    """The systematic parameters in the order of systematic.h."""
-    deg, m = 180.0 / np.pi, n_cables
-    return [
-        Group("attitude_bias", 0, 3, "deg", deg),
-        Group("world_yaw", 3, 1, "deg", deg),
-        Group("acc_bias", 4, 3, "m/s2", 1.0),
-        Group("imu_alignment", 7, 3, "deg", deg),
-        Group("position_delay", 10, 1, "ms", 1e3),
-        Group("force_offset", 11, m, "N", 1.0),
-        Group("force_gain", 11 + m, m, "%", 100.0),
-        Group("gyro_bias", 11 + 2 * m, 3, "deg/s", deg),
-        Group("force_delay", 14 + 2 * m, 1, "ms", 1e3),
-    ]
-
-
-def names(n_cables: int) -> list[str]:
-    """A name for every systematic parameter."""
-    result = []
-    for group in groups(n_cables):
-        suffix = (
-            [""] if group.n == 1 else [f"_{a}" for a in "xyz"] if group.n == 3 and "force" not in group.name else None
-        )
-        result += [group.name + s for s in suffix or [f"_{i + 1}" for i in range(group.n)]]
-    return result
-
-
-@dataclass(frozen=True)
 class Estimate:
-    """What a method says about a body and, where it looks at them, about the sensors."""
+    """A method's estimate of the body and, for the joint fit, of the sensors' errors."""
 
     method: str
     body: Body
@@ -89,7 +51,7 @@ class Estimate:
     distance: float = 0.0
     """Mahalanobis distance squared from the data's optimum to the published body"""
     xi: Array | None = None
-    """corrections [15 + 2m] to the calibration in robot.toml"""
+    """corrections [24 + 3m] to the calibration in robot.toml"""
     xi_std: Array | None = None
     n_windows: int = 0
     rms: Array = field(default_factory=lambda: np.zeros(6))
@@ -261,7 +223,7 @@ def two_step(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate
     note = (
         ()
         if possible
-        else (f"no body can have this inertia: one moment is {-2.0 * least:.1f} kg m2 above the sum of the others",)
+        else (f"inertia not physically consistent: one moment is {-2.0 * least:.1f} kg m2 above the sum of the others",)
     )
     body = Body(tuple(value), tuple(spread))
     return Estimate("paper", body, possible, (True,) * 10, theta, notes=note)
@@ -282,7 +244,7 @@ def fit(method: str, robot: Robot, config: Any, recordings: list[Recording]) -> 
 
 @dataclass(frozen=True)
 class Validation:
-    """How well an estimate predicts a run it has not seen."""
+    """Prediction error of an estimate on a run that was not used."""
 
     path: Path
     rms: Array
@@ -302,8 +264,13 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     windows = inertiad_core.Windows(config, rows)
     if len(windows.y) == 0:
         raise InputError(f"{run.path}: no whole window in the data")
-    e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
-    W = -windows.X(np.zeros(10))[:, :, 11 : 11 + run.robot.n_cables]
+    theta = inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
+    e = windows.y - windows.Y @ theta
+    if estimate.xi is not None:
+        linear = inertiad_core.linear_parameters(run.robot.n_cables)
+        e = e + windows.X(theta)[:, :, linear] @ estimate.xi[linear]
+    offsets = systematic.group("force_offset", run.robot.n_cables).part
+    W = -windows.X(np.zeros(10))[:, :, offsets]
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
 
@@ -314,16 +281,24 @@ def _quantity(value: Any, std: Any) -> dict[str, Any]:
     return {"value": value, "std": std if has_std else None if np.ndim(std) == 0 else [None] * len(std)}
 
 
+def _configured(robot: Robot, name: str) -> Any:
+    """The value that robot_config_t has for a kind of systematic parameter; None where xi is a correction to others."""
+    place = {"imu_position": robot.imu.position, "tracker_target": robot.tracker.target}
+    delays = ("position_delay", "force_delay", "attitude_delay")
+    return place.get(name) if name in place or name in delays else getattr(robot.calibration, name, None)
+
+
 def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
     """Sensor errors as robot_config_t has them: configured plus estimated; alignment and delays are corrections."""
     if estimate.xi is None or estimate.xi_std is None:
         return {}
     result = {}
-    for group in groups(robot.n_cables):
-        part = slice(group.first, group.first + group.n)
-        configured = getattr(robot.calibration, group.name, None)
-        value = estimate.xi[part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
-        std = estimate.xi_std[part]
+    for group in systematic.groups(robot.n_cables):
+        configured = _configured(robot, group.name)
+        if not np.any(estimate.xi_std[group.part]):
+            continue
+        value = estimate.xi[group.part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
+        std = estimate.xi_std[group.part]
         if group.n == 1:
             result[group.name] = _quantity(float(value[0]), float(std[0]))
         else:
@@ -442,7 +417,7 @@ def text(estimate: Estimate, truth: Body | None) -> str:
 
 
 def remarks(estimate: Estimate, recordings: list[Recording], held_out: list[Validation]) -> list[str]:
-    """What else there is to say, a line each."""
+    """Notes on the result, a line each."""
     lines = [f"{run.path}: {note}" for run in recordings for note in run.notes]
     lines += list(estimate.notes)
     if estimate.n_windows:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nearest body that can exist, by a semidefinite programme.
+"""Projection of an estimate to the nearest physically consistent body, by a semidefinite programme.
 
     minimise (q - theta)^T P^-1 (q - theta)   subject to   Pi(q) >= eps E
 Pi is the pseudo-inertia (firmware/core/consistency.h) with lengths in radii of gyration, eps 0.002 of its trace; P is
-the covariance of the fit, so what the data know least moves most. A body that exists already costs one Cholesky factor.
-The platform comes near the same point by cutting planes; here it is the exact minimum (interior point, Clarabel).
+the covariance of the fit, so the least observable directions move most. A consistent body costs one Cholesky factor.
+The filter on the platform approximates it by cutting planes; here it is the exact minimum (interior point, Clarabel).
 """
 
 from typing import Any, Final

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the sources of a run lie in time: delays with error bars, trigger edges, the host's clock, and what is at stake.
+"""Time alignment of a run's sources: delays with standard deviations, trigger edges, the host's clock, cost of errors.
 
-The tracker's delay against the IMU comes from the motion of both alone (time_delay.py), the forces' from the wrench
-balance with the tracker's put right (batch.hpp). sync.json holds both and, under "calibration", what robot.toml's
-[calibration] takes in with sync = "sync.json".
+The tracker's delay against the IMU comes from the motion of both alone (time_delay.py); the forces' delay from the
+wrench balance with the tracker's delay corrected (batch.hpp). sync.json holds both and, under "calibration", the keys
+that robot.toml reads with [calibration] sync = "sync.json".
 """
 
 import json
@@ -20,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.identify import fit, time_delay
 from inertiad.identify.time_delay import Delay
-from inertiad.robot import dbc, description
+from inertiad.robot import configuration, dbc, description, systematic
 from inertiad.robot.description import Position, Robot
 from inertiad.run import canlog, encode, host_info, reader, tracker_csv
 from inertiad.run.canlog import CanLog
@@ -31,7 +31,7 @@ FORCE_DELAY_STD: Final = 0.02
 """s, prior: nothing is known of it"""
 LEVER_STD_MIN: Final = 1e-4
 VAGUE: Final = 2e-3
-"""s, error bar above which the motion is said to be too slow"""
+"""s, sigma above which the delay is reported as poorly observable"""
 SYNC_ID: Final = 0x80
 """CANopen's SYNC"""
 
@@ -73,7 +73,7 @@ class Cost:
 
 @dataclass(frozen=True)
 class Sync:
-    """What was found."""
+    """Result of sync()."""
 
     run: Path
     robot: Robot
@@ -108,29 +108,28 @@ def _tracker_delay(robot: Robot, run: Path) -> Delay:
     to_imu = Rotation.from_quat(robot.imu.orientation, scalar_first=True).inv()
     lever = to_imu.apply(np.array(robot.tracker.target) - np.array(robot.imu.position))
     std = robot.calibration.std.model_dump(exclude_none=True)
-    spread = robot.std.model_dump() | std
+    spread = configuration.std(robot) | std
     prior = time_delay.Prior(
         robot.gravity, lever, spread["acc_bias"], spread["gyro_bias"], max(spread["imu_position"], LEVER_STD_MIN)
     )
     found = time_delay.estimate(imu, tracker.t - t0, tracker.stack("x", "y", "z"), prior, MARGIN)
     if found is None:
-        raise InputError(
-            f"{run}: nowhere IMU and tracker side by side for {time_delay.SHORTEST:g} s: allowed: a run that moves"
-        )
+        raise InputError(f"{run}: IMU and tracker never overlap for {time_delay.SHORTEST:g} s; use a run that moves")
     return found
 
 
 def delays(robot: Robot, run: Path) -> tuple[Delay, tuple[float, float]]:
-    """The tracker's delay, and the forces' with its sigma [s]. InputError: the run does not tell them."""
+    """The tracker's delay, and the forces' with its sigma [s]. InputError: the run does not observe them."""
     position = _tracker_delay(robot, run)
     return position, _force_delay(robot, run, position)
 
 
 def calibration(robot: Robot, position: Delay, force: tuple[float, float]) -> dict[str, Any]:
     """The keys of [calibration] that the delays belong to."""
+    configured, calibrated = configuration.delays(robot), robot.calibration
     return {
-        "position_delay": position.value - robot.align.delay_position,
-        "force_delay": force[0] - robot.align.delay_force,
+        "position_delay": position.value - configured["position"] + calibrated.position_delay,
+        "force_delay": force[0] - configured["force"] + calibrated.force_delay,
         "std": {"position_delay": position.std, "force_delay": force[1]},
     }
 
@@ -148,11 +147,11 @@ def _recording(robot: Robot, run: Path) -> reader.Recording:
 
 def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float]:
     """Total delay of the forces and its sigma, s, by the joint fit."""
-    configured = robot.align.delay_force + robot.calibration.force_delay
+    configured = configuration.delays(robot)["force"]
     known = _with_delays(robot, position, (configured, FORCE_DELAY_STD))
     result = fit.joint(reader.config_of(known, str(run)), [_recording(known, run)])
     assert result.xi is not None and result.xi_std is not None
-    at = 14 + 2 * robot.n_cables
+    at = systematic.group("force_delay", robot.n_cables).first
     return configured + float(result.xi[at]), float(result.xi_std[at])
 
 
@@ -161,9 +160,8 @@ def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float
 
 def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Array:
     """Ten numbers of the body with delays taken as they are, shift [s] wrong: positions, forces."""
-    m = run.robot.n_cables
-    free = np.ones(15 + 2 * m, dtype=bool)
-    free[[10, 14 + 2 * m]] = False
+    kinds = systematic.groups(run.robot.n_cables)
+    free = np.concatenate([np.full(g.n, g.name not in ("position_delay", "force_delay")) for g in kinds])
     moved = reader.Recording(run.path, run.robot, inertiad_core.undelayed(run.rows, *shift), 0, 0, {})
     return np.array(fit.of_batch("joint", fit.batch(config, [moved], is_free=free.tolist())).body.value)
 
@@ -172,8 +170,8 @@ def _costs(robot: Robot, run: Path, position: Delay, force: tuple[float, float])
     aligned = _with_delays(robot, position, force)
     config, recording = reader.config_of(aligned, str(run)), _recording(aligned, run)
     best = _body(config, recording, (0.0, 0.0))
-    was = robot.calibration.position_delay + robot.align.delay_position - position.value
-    was_force = robot.calibration.force_delay + robot.align.delay_force - force[0]
+    configured = configuration.delays(robot)
+    was, was_force = configured["position"] - position.value, configured["force"] - force[0]
     for what, shift in (
         (f"as configured, tracker {1e3 * was:+.2f} ms and forces {1e3 * was_force:+.2f} ms off", (was, was_force)),
         (f"one sigma of the tracker's delay, {1e3 * position.std:.2f} ms", (position.std, 0.0)),
@@ -220,10 +218,10 @@ def sync(run: Path, progress: Callable[[str], None]) -> Sync:
     robot = description.load(run / "robot.toml")
     for name in ("can.log", "tracker.csv"):
         if not (run / name).exists():
-            raise InputError(f"{run / name}: not there: allowed: a run folder with robot.toml, can.log, tracker.csv")
-    progress("compare the motion that tracker, IMU and forces saw")
+            raise InputError(f"{run / name}: not found; pass a run folder with robot.toml, can.log and tracker.csv")
+    progress("estimate the delays")
     position, force = delays(robot, run)
-    progress("see what is at stake")
+    progress("compute the cost of wrong delays")
     costs = list(_costs(robot, run, position, force))
     triggers = edges(robot, canlog.read(run / "can.log"))
     return Sync(run, robot, position, force, triggers, *host_info.clock_in_words(run), costs)
@@ -236,7 +234,7 @@ def text(found: Sync) -> Iterator[str]:
     yield f"force delay    {1e3 * value:8.3f} ± {1e3 * std:.3f} ms"
     yield f"from {p.n_samples} positions in {p.n_stretches} stretches; tracker noise {1e3 * p.tracker_noise:.2f} mm"
     if p.std > VAGUE:
-        yield "the motion hardly tells the delay: allowed: a run with accelerations of 1 m/s2 and more"
+        yield "the delay is poorly observable from this motion; use a run with accelerations of at least 1 m/s2"
     yield from (f"trigger: {e}" for e in found.edges)
     if not found.edges:
         yield "trigger: neither a SYNC frame nor a one-bit signal in the log"

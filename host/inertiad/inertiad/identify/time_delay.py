@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How late a tracker's stamps are against the IMU's, from the motion alone: maximum likelihood over whole stretches.
+"""Delay of a tracker's stamps against the IMU's, from the motion alone: maximum likelihood over whole stretches.
 
     x_j = y(t_j - d) + noise,   y = p + A (l + dl),   p'' = A (s - b_a) - g z + e,   A = exp(theta) A_gyro(w - b_g)
 s, w: specific force and rate as measured, I axes; A: I to W; l: from the IMU to the tracked point, I axes. Unknown
@@ -52,7 +52,7 @@ DELAY_STD: Final = 0.3
 START_STD: Final = 10.0
 """m and m/s, prior of position, counted from the first, and velocity at the start: far more than any"""
 TILT_STD: Final = 0.1
-"""rad, prior of the attitude at the start, from whatever the IMU says"""
+"""rad, prior of the attitude at the start, around the IMU's"""
 ACC_NOISE: Final = 2e-3
 """m/s2 averaged over a knot's interval, where learning begins"""
 WALK_NOISE: Final = 3e-4
@@ -76,7 +76,7 @@ class Imu:
 
 @dataclass(frozen=True)
 class Prior:
-    """One sigma each, and what is known."""
+    """One sigma each, and known constants."""
 
     gravity: float
     """m/s2"""

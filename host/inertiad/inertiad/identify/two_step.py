@@ -4,7 +4,7 @@
     f_P = (1/m) F - ([alpha]x + [w]x [w]x) rho                        first 1/m and rho, from the forces
     tau - m rho x f_P = L(alpha) J_P + w x (L(w) J_P)                 then J_P, from the moments
 alpha by central differences of the rate, every sample the same weight, one estimate per run, medians over runs.
-Platform axes about P. It takes the sensors as they are: no offsets, no misalignment.
+Platform axes about P. It assumes perfect sensors: no offsets, no misalignment.
 """
 
 from typing import Any, Final
@@ -18,7 +18,7 @@ from inertiad.robot.description import Robot, inertia_matrix
 
 NOMINAL: Final = (161.058, -0.001, -0.077, -0.118, 94.955, 88.859, 31.635, 4.136, -0.085, -0.393)
 ESTIMATED: Final = (170.740, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672)
-"""Table III of Tempel et al., ICRA 2017, in the order of estimate.NAMES: what was expected of the robot, and found."""
+"""Table III of Tempel et al., ICRA 2017, in the order of body.NAMES: nominal and estimated."""
 
 
 def motion(robot: Robot, rows: Any) -> tuple[Array, Array, Array, Array, Array]:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Beside a running daemon: record, replay, watch and command."""
+"""Tools beside a running daemon: record, replay, watch, command."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tell a running daemon what to do, and wait for its answer."""
+"""Send a command to a running daemon, and wait for its answer."""
 
 import secrets
 import time
@@ -22,7 +22,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Answer:
-    """What the daemon said."""
+    """The daemon's answer."""
 
     is_done: bool
     text: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The LCM network that daemon and tools meet on."""
+"""Connections to the LCM network."""
 
 import os
 import socket
@@ -22,7 +22,7 @@ ROUTE: Final = "with a multicast route, for one machine: ip link set lo multicas
 
 @contextmanager
 def _silent_library() -> Iterator[None]:
-    """Keep what the C library itself writes to stderr from the terminal: the caller says it in one line."""
+    """Keep the C library's own stderr from the terminal: the caller reports the error in one line."""
     sys.stderr.flush()
     kept = os.dup(2)
     sink = os.open(os.devnull, os.O_WRONLY)

@@ -3,22 +3,19 @@
 
 RUN/tracker.csv: valid positions or poses in host time; RUN/tracker.raw: every byte as it came; RUN/run.lcmlog: every
 message of the channel prefix or of --channels, TRACKER (with device time and lost samples) and the commanded POSE among
-them; RUN/header.json: host, and how its clock was kept.
+them; RUN/header.json: host, and the state of its clock.
 """
 
 import contextlib
 import errno
-import ipaddress
 import os
-import selectors
-import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 from rich.console import Console
@@ -29,19 +26,12 @@ import inertiad_core
 from inertiad.base import channels
 from inertiad.base.error import InputError
 from inertiad.live import lcm_network
+from inertiad.live.byte_sources import Input, open_input
 from inertiad.live.tracker_protocols import Layout, Parser, Sample
-from inertiad.run import encode, host_info, lcmlog, tracker_csv
+from inertiad.run import folder as run_folder
+from inertiad.run import host_info, lcmlog, tracker_csv
 from inertiad_lcm import tracker_t
 
-SILENT: Final = 10.0
-"""s without a byte after which a peer that was sending counts as hanging and is connected anew"""
-START: Final = 60.0
-"""the same for a peer that has not sent yet: an instrument waits for its operator"""
-KEEPALIVE: Final = {socket.TCP_KEEPIDLE: 1, socket.TCP_KEEPINTVL: 1, socket.TCP_KEEPCNT: 3}
-"""s, s, probes after which the kernel ends a connection whose other machine is gone, however long it may be silent"""
-RETRY: Final = 0.5
-"""s between attempts to connect"""
-POLL: Final = 0.05
 FAR: Final = tracker_csv.FAR
 UNBELIEVABLE: Final = 1e7
 """m: beyond it is not a wrong unit but wrong bytes"""
@@ -55,193 +45,12 @@ STEP_BACK: Final = 1.0
 """s of device time: more is a restart of the instrument, less a late duplicate"""
 
 
-# ---- where bytes come from -------------------------------------------------------------------------------------------
-
-
-class Input(Protocol):
-    """A source of bytes. receive() gives what is there, [] after POLL s without any."""
-
-    is_connected: bool
-    n_connected: int
-    n_foreign: int
-
-    def receive(self) -> list[tuple[bytes, bool]]:
-        """Pieces, each with whether it ends what came before it (datagram, connection)."""
-
-    def close(self) -> None:
-        """Let go."""
-
-
-def _is_multicast(host: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_multicast
-    return False
-
-
-class Udp:
-    """Datagrams from the first sender heard; those of others are counted and left out. Joins a multicast address."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, lcm_network.RECEIVE_BUFFER)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(_is_multicast(host)))
-        self._socket.bind((host, port))
-        if _is_multicast(host):
-            member = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")
-            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-        self._socket.settimeout(POLL)
-        self._peer: Any = None
-
-    def receive(self) -> list[tuple[bytes, bool]]:
-        try:
-            data, peer = self._socket.recvfrom(65536)
-        except TimeoutError:
-            return []
-        if self._peer is None:
-            self._peer, self.is_connected, self.n_connected = peer, True, 1
-        if peer != self._peer:
-            self.n_foreign += 1
-            return []
-        return [(data, True)]
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-def _kept_alive(link: socket.socket) -> socket.socket:
-    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for option, value in KEEPALIVE.items():
-        link.setsockopt(socket.IPPROTO_TCP, option, value)
-    return link
-
-
-class Stream:
-    """A connection that is made again whenever it ends or falls silent."""
-
-    def __init__(self, connect: Callable[[], Any], can_hang: bool) -> None:
-        self.is_connected, self.n_connected, self.n_foreign = False, 0, 0
-        self._connect, self._can_hang = connect, can_hang
-        self._peer: Any = None
-        self._heard = self._tried = 0.0
-        self._patience = START
-
-    def _try(self) -> None:
-        now = time.monotonic()
-        if now - self._tried < RETRY:
-            time.sleep(POLL)
-            return
-        self._tried = now
-        with contextlib.suppress(OSError):
-            self._peer = self._connect()
-        if self._peer is not None:
-            self._heard, self._patience, self.is_connected = time.monotonic(), START, True
-            self.n_connected += 1
-
-    def receive(self) -> list[tuple[bytes, bool]]:
-        if self._peer is None:
-            self._try()
-            return []
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._peer, selectors.EVENT_READ)
-            if not selector.select(POLL):
-                is_silent = self._can_hang and time.monotonic() - self._heard > self._patience
-                return self._lose() if is_silent else []
-        try:
-            data = os.read(self._peer.fileno(), 65536)
-        except OSError:
-            data = b""
-        if not data:
-            return self._lose()
-        self._heard, self._patience = time.monotonic(), SILENT
-        return [(data, False)]
-
-    def _lose(self) -> list[tuple[bytes, bool]]:
-        self._peer.close()
-        self._peer, self.is_connected = None, False
-        return [(b"", True)]
-
-    def close(self) -> None:
-        if self._peer is not None:
-            self._peer.close()
-
-
-class Server(Stream):
-    """A listening socket; one peer at a time."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._listener = socket.create_server((host, port))
-        self._listener.settimeout(POLL)
-        super().__init__(lambda: _kept_alive(self._listener.accept()[0]), can_hang=True)
-
-    def close(self) -> None:
-        super().close()
-        self._listener.close()
-
-
-class Tail:
-    """A file that grows, from its beginning."""
-
-    def __init__(self, path: str) -> None:
-        self.is_connected, self.n_connected, self.n_foreign = True, 1, 0
-        self._file = open(path, "rb")  # noqa: SIM115 - closed by close()
-
-    def receive(self) -> list[tuple[bytes, bool]]:
-        data = self._file.read(65536)
-        if not data:
-            time.sleep(POLL)
-            return []
-        return [(data, False)]
-
-    def close(self) -> None:
-        self._file.close()
-
-
-ADDRESSES: Final = "udp:[HOST:]PORT, tcp:HOST:PORT, tcp-listen:[HOST:]PORT, serial:DEVICE[@BAUD], file:PATH"
-
-
-def _serial(device: str, baud: int) -> Any:
-    import serial
-
-    return serial.Serial(device, baud, timeout=0)
-
-
-def _host_port(place: str, address: str) -> tuple[str, int]:
-    host, _, port = place.rpartition(":")
-    if not port.isdecimal() or not 0 < int(port) < 65536:
-        raise InputError(f"--from {address}: port: allowed: 1 to 65535")
-    return host, int(port)
-
-
-def open_input(address: str) -> Input:
-    """An input by its address, see ADDRESSES. InputError: none of them, or it cannot be opened."""
-    scheme, _, place = address.partition(":")
-    try:
-        match scheme:
-            case "udp":
-                return Udp(*_host_port(place, address))
-            case "tcp":
-                host, port = _host_port(place, address)
-                peer = host or "127.0.0.1", port
-                return Stream(lambda: _kept_alive(socket.create_connection(peer, timeout=RETRY)), can_hang=True)
-            case "tcp-listen":
-                return Server(*_host_port(place, address))
-            case "serial":
-                device, _, baud = place.partition("@")
-                return Stream(lambda: _serial(device, int(baud or 115200)), can_hang=False)
-            case "file":
-                return Tail(place)
-    except OSError as error:
-        raise InputError(f"--from {address}: {error.strerror}") from None
-    raise InputError(f"--from {address}: allowed: {ADDRESSES}")
-
-
-# ---- what is made of samples -----------------------------------------------------------------------------------------
+# ---- samples to messages --- -----------------------------------------------------------------------------------------
 
 
 @dataclass
 class Counts:
-    """What has happened so far."""
+    """Counts since the start."""
 
     n_bytes: int = 0
     n_samples: int = 0
@@ -369,7 +178,7 @@ class LcmRecorder:
         self.log.write(time.time_ns() // 1000, channel, data)
 
     def stop(self) -> None:
-        """Take what still comes, and close the log."""
+        """Wait for messages on their way, and close the log."""
         time.sleep(0.2)
         self._listener.stop()
         self.log.close()
@@ -377,7 +186,7 @@ class LcmRecorder:
 
 @dataclass(frozen=True)
 class Options:
-    """What `inertiactl record` was asked to do."""
+    """Options of `inertiactl record`."""
 
     address: str
     layout: Layout
@@ -393,10 +202,10 @@ class Recording:
     """Everything a recording writes to."""
 
     def __init__(self, options: Options) -> None:
-        self.folder = encode.open_run(options.folder)
+        self.folder = run_folder.open_run(options.folder)
         for name in ("tracker.csv", "run.lcmlog"):
             if (self.folder / name).exists():
-                raise InputError(f"{self.folder / name}: is there already: allowed: a new run folder")
+                raise InputError(f"{self.folder / name}: exists already; choose a new run folder")
         self.tracker = Tracker(options.layout)
         self.parser = Parser(options.layout)
         self.error = ""

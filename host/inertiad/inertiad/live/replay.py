@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a recorded run again: frames to SocketCAN or as candump lines, tracker positions as LCM messages, in real time.
 
-The whole schedule is made before the first item is due; inertiad_replay.play() then only waits and writes.
+The whole schedule is computed before the first item is due; inertiad_replay.play() then only waits and writes.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ SPEED_MIN, SPEED_MAX = 1e-3, 1e3
 
 @dataclass
 class Items:
-    """What goes to one descriptor: N pieces of bytes, each with its time in the log."""
+    """Output of one descriptor: N pieces of bytes, each with its time in the log."""
 
     name: str
     fd: int
@@ -49,7 +49,7 @@ class Items:
 
 @dataclass
 class Lateness:
-    """How late one descriptor's items left, after all loops."""
+    """Lateness of one descriptor's items, after all loops."""
 
     name: str
     n: int
@@ -64,7 +64,7 @@ class Lateness:
 
 @dataclass
 class Played:
-    """What became of a replay."""
+    """Result of a replay."""
 
     lateness: list[Lateness]
     n_waits: int
@@ -173,7 +173,7 @@ def _restamp(schedule: Schedule, channel: str, start_wall_ns: int, speed: float,
 
 
 def _cut(t_ns: NDArray[np.int64], first_ns: int, start: float, stop: float | None) -> NDArray[np.bool_]:
-    """Which stamps lie from start to stop, s after first_ns."""
+    """Mask of the stamps from start to stop, s after first_ns."""
     last_ns = np.inf if stop is None else first_ns + 1e9 * stop
     return (t_ns >= first_ns + 1e9 * start) & (t_ns <= last_ns)
 
@@ -226,7 +226,7 @@ def _bus_items(addresses: list[str], log: CanLog, stack: contextlib.ExitStack) -
 
 @dataclass(frozen=True)
 class Options:
-    """What `inertiactl replay` was asked to do."""
+    """Options of `inertiactl replay`."""
 
     run: Path
     buses: list[str]
@@ -251,7 +251,7 @@ PEER_WAIT: Final = 30.0
 
 
 def _open_instrument(address: str) -> Any:
-    """Where an emulated instrument sends: udp:HOST:PORT, tcp:HOST:PORT, tcp-listen:[HOST:]PORT, file:PATH."""
+    """Destination of an emulated instrument: udp:HOST:PORT, tcp:HOST:PORT, tcp-listen:[HOST:]PORT, file:PATH."""
     scheme, _, place = address.partition(":")
     host, _, port = place.rpartition(":")
     try:
@@ -278,7 +278,7 @@ def _open_instrument(address: str) -> Any:
 
 @dataclass(frozen=True)
 class Tracked:
-    """What tracker.csv holds."""
+    """Positions of tracker.csv."""
 
     t_ns: Stamps
     """[N]"""
@@ -315,7 +315,7 @@ def emulated(tracker: str | None) -> tuple[Layout | None, str]:
 
 
 def _instrument_bytes(layout: Layout, tracked: Tracked) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-    """What the instrument would send, and where each piece begins [N + 1]; its clock is the log's time."""
+    """The instrument's bytes, and the beginning of each piece [N + 1]; its clock is the log's time."""
     turns = [None] * len(tracked.t_ns) if tracked.q is None else [tuple(q) for q in tracked.q.tolist()]
     rows = zip(tracked.t_ns.tolist(), tracked.position.tolist(), turns, strict=True)
     pieces = [
@@ -348,11 +348,11 @@ def _tracker_of(options: Options) -> Tracked | None:
 
 
 def _items(options: Options, stack: contextlib.ExitStack, remarks: list[str]) -> list[Items]:
-    """Everything to be sent, cut to the time asked for."""
+    """Everything to be sent, cut to --start and --stop."""
     log = canlog.read(canlog.find(options.run)) if options.buses else None
     tracker = _tracker_of(options)
     if log is None and tracker is None:
-        raise InputError(f"{options.run}: nothing to play: allowed: with --bus, or with tracker.csv in the run")
+        raise InputError(f"{options.run}: nothing to play; pass --bus, or put tracker.csv into the run")
     first_ns = min([int(log.t_ns.min())] if log is not None else [], default=None)
     first_ns = int(tracker.t_ns[0]) if first_ns is None and tracker is not None else first_ns
     assert first_ns is not None
@@ -406,11 +406,11 @@ def _check(options: Options) -> None:
     if options.stop is not None and options.stop <= options.start:
         raise InputError(f"--stop {options.stop:g}: allowed: above --start = {options.start:g} s")
     if len(options.buses) > 1 and "-" in options.buses:
-        raise InputError("--bus -: allowed: alone, all interfaces of the log go to stdout")
+        raise InputError("--bus - cannot be combined with another --bus: all interfaces of the log go to stdout")
 
 
 def _failure(result: dict[str, Any], items: list[Items]) -> str:
-    """Why a write failed, in one line."""
+    """The reason of a failed write, in one line."""
     return f"{items[result['route']].name}: {os.strerror(result['error'])}"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What position instruments send: bytes to samples, and samples to bytes for tests without the instrument.
+"""Protocols of position instruments: bytes to samples, and samples to bytes for tests without the instrument.
 
 =================  =========================================================================  ===================
 format             example                                                                    device time
@@ -19,7 +19,7 @@ that name, for the protocol of --natnet-version; multicast by --from udp:239.255
 
 dtrack, natnet, and text and struct with columns q_w,q_x,q_y,q_z are poses: attitude as a unit quaternion, from the axes
 of the body as the instrument's software has it to its world. Both must be those of the robot description, its body's
-axes the platform's: what the instrument knows by other axes is to be turned there (Motive: streaming with Z up).
+axes the platform's: convert other axes in the instrument (Motive: streaming with Z up).
 """
 
 import math
@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from inertiad.base.error import InputError
 
@@ -55,7 +56,7 @@ NATNET_VERSIONS: Final = ("2.6", "2.7", "2.9", "2.10", "2.11", "3.0", "3.1", "4.
 
 @dataclass(frozen=True)
 class Sample:
-    """One measurement as the instrument told it."""
+    """One measurement of the instrument."""
 
     position: tuple[float, float, float]
     """m"""
@@ -64,12 +65,12 @@ class Sample:
     frame: int | None = None
     valid: bool = True
     q: tuple[float, float, float, float] | None = None
-    """unit quaternion w x y z, body to world; None: the instrument tells no attitude"""
+    """unit quaternion w x y z, body to world; None: the instrument has no attitude"""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How the bytes are to be read."""
+    """Layout of the bytes."""
 
     format: str = "text"
     columns: tuple[str, ...] = ("t", "x", "y", "z")
@@ -83,7 +84,7 @@ class Layout:
     body: int | None = None
     """number of the body to take, dtrack and natnet; None: the first"""
     device_time: bool = True
-    """False: what the instrument says of time is left out"""
+    """False: the instrument's time is ignored"""
     natnet_version: str = "4.1"
     """protocol that Motive is set to"""
 
@@ -136,9 +137,7 @@ def _quaternion(q: list[float]) -> tuple[float, float, float, float]:
 
 
 def _of_columns(b: list[float]) -> tuple[float, float, float, float]:
-    """Quaternion of a rotation matrix told column by column. ValueError: it is none."""
-    from scipy.spatial.transform import Rotation
-
+    """Quaternion of a rotation matrix given column by column. ValueError: it is none."""
     R = np.array(b).reshape(3, 3).T
     if not np.abs(R @ R.T - np.eye(3)).max() < UNIT or np.linalg.det(R) < 0.0:
         raise ValueError("not a rotation matrix")
@@ -146,7 +145,7 @@ def _of_columns(b: list[float]) -> tuple[float, float, float, float]:
 
 
 class Parser:
-    """Bytes to samples. Half packets wait for their rest; what cannot be read is counted, never fatal."""
+    """Bytes to samples. Half packets wait for their rest; unreadable ones are counted, never fatal."""
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
@@ -169,7 +168,7 @@ class Parser:
         return found if self.layout.device_time else [replace(sample, t_device=None) for sample in found]
 
     def end(self) -> list[Sample]:
-        """A datagram or connection is over: what is left is a line without its end, or half a packet."""
+        """The end of a datagram or connection: the rest is a line without its end, or half a packet."""
         found: list[Sample] = []
         if self._rest and self._take == self._lines:
             found = self.feed(b"\n")
@@ -361,8 +360,6 @@ def encode(layout: Layout, sample: Sample, index: int) -> bytes:
 
 def _dtrack_turn(q: tuple[float, float, float, float]) -> str:
     """Angles about x, y, z [deg], R = Rx Ry Rz, and R column by column."""
-    from scipy.spatial.transform import Rotation
-
     turn = Rotation.from_quat(q, scalar_first=True)
     angles = " ".join(f"{a:.4f}" for a in turn.as_euler("XYZ", degrees=True))
     return angles + "][" + " ".join(f"{b:.9f}" for b in turn.as_matrix().T.ravel())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A live screen of what the daemon publishes: estimate, buses, latencies, losses, events. LCM in, terminal out."""
+"""A live view of the daemon's messages: estimate, buses, latencies, losses, events. LCM in, terminal out."""
 
 import time
 from collections import deque
@@ -12,10 +12,11 @@ from rich.text import Text
 
 from inertiad.base.body import NAMES, UNITS, of_message
 from inertiad.live.lcm_network import connect
+from inertiad.run import estimate_message
 from inertiad_lcm import bus_t, estimate_t, event_t, health_t, host_t
 
 SILENT_AFTER = 2.0
-"""s without a message after which the table says so"""
+"""s without a message after which the table warns"""
 EVENTS_SHOWN = 6
 
 
@@ -32,7 +33,7 @@ class Latest:
         self.heard = time.monotonic()
 
     def on_estimate(self, _channel: str, data: bytes) -> None:
-        self.estimate = estimate_t.decode(data)
+        self.estimate = estimate_message.decode(data)
         self.heard = time.monotonic()
 
     def on_health(self, _channel: str, data: bytes) -> None:
@@ -132,7 +133,7 @@ def _latency_table(health: health_t) -> Table:
 
 
 def _loss_line(health: health_t) -> Text:
-    """Counters of what should not happen, if it did."""
+    """Counters of losses and refusals that are not 0."""
     lost = {
         name: n
         for name, n in _counters(health).items()
@@ -158,7 +159,7 @@ def _health_parts(health: health_t, before: health_t | None) -> list[Any]:
     if any(x.n for x in health.latency):
         parts.append(_latency_table(health))
     parts += [_sensor_line(health), _loss_line(health)]
-    if n_carried := _counters(health).get("align.position.carried"):
+    if n_carried := _counters(health).get("motion.carried"):
         parts.append(Text(f"{n_carried} rows in tracker gaps, position carried by attitude and IMU", style="yellow"))
     if health.frozen:
         parts.append(Text("frozen: nothing is learnt", style="cyan"))

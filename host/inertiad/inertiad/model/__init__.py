@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid body, cables and winches: the motion, the wrench it needs, and the errors drawn for its sensors."""
+"""Rigid body, cables and winches: the motion, the wrench it needs, and random errors over time."""

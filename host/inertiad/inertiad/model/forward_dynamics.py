@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motions that follow from forces: winches under a controller, elastic cables that swing and sag, a free platform.
+"""Forward dynamics: winches under a controller, elastic cables that swing and sag, a free platform.
 
 The equations are those of host/eigen/include/inertiad/plant.hpp. The controller believes robot.toml and its [nominal]
 body; the plant has the true geometry and body. Six cables and more are given tensions: computed torque with an
@@ -44,7 +44,7 @@ class Plant(Strict):
     swing_damping: Annotated[float, AfterValidator(Range(0, 1))] = 0.01
     """1, damping ratio of a cable's lateral oscillation"""
     winch_hz: Annotated[float, AfterValidator(Range(0.1, 100, "Hz"))] = 20.0
-    """Hz, bandwidth at which a winch makes the tension it is told"""
+    """Hz, bandwidth of a winch that follows its commanded tension"""
     control_hz: Annotated[float, AfterValidator(Range(0.05, 20, "Hz"))] = 1.5
     """Hz, bandwidth of the controller of the pose"""
     control_rate: Annotated[float, AfterValidator(Range(10, 1e4, "Hz"))] = 1000.0
@@ -204,7 +204,7 @@ def _payload_rows(payloads: tuple[Payload, ...]) -> Array:
 
 
 def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plant: Plant, rate: float) -> Moved:
-    """What the robot does when it should follow the trajectory; samples will be taken at rate [Hz].
+    """Forward dynamics of the robot under its controller along a trajectory, for samples at rate [Hz].
 
     InputError: it cannot start, a cable loses its direction, the motion is unstable.
     """
@@ -265,8 +265,8 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
     )
 
 
-def spoken(moved: Moved, robot: Robot) -> list[str]:
-    """What there is to say about a motion: how far off, tensions, and where they hit their limits."""
+def summary(moved: Moved, robot: Robot) -> list[str]:
+    """Summary of a motion: deviation from the trajectory, tensions, and where they reach their limits."""
     tensions = f"tensions {moved.f.min():.0f} to {moved.f.max():.0f} N"
     lines = [f"P at most {1e3 * moved.strays:.1f} mm off the trajectory, {tensions}"]
     low = np.array([cable.tension_min for cable in robot.cable])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The true robot at given motions: what wrench a body needs, what tensions give it.
+"""Inverse dynamics: the wrench that a motion needs, and the tensions that give it.
 
     F   = m (f_P + alpha x rho + omega x (omega x rho))          f_P = R^T (a_P + g z)
     tau = m rho x f_P + J_P alpha + omega x J_P omega            platform axes, about P
@@ -46,11 +46,11 @@ class Mechanics:
     swing: Swing | None = None
     """of the cables; None: they stay in the plane of their sag"""
     payloads: tuple[Payload, ...] = ()
-    """what the body takes up or loses while it moves"""
+    """taken up or set down while the body moves"""
 
 
 def specific_force(motion: Motion, gravity: float, point: Array) -> Array:
-    """What an ideal accelerometer at a platform point [3] measures, P axes, m/s2 [N, 3]."""
+    """Specific force at a platform point [3], P axes, m/s2 [N, 3]."""
     f_P = np.einsum("nji,nj->ni", motion.R, motion.a + np.array([0.0, 0.0, gravity]))
     w = motion.omega
     return f_P + np.cross(motion.alpha, point) + np.cross(w, np.cross(w, point))
@@ -66,7 +66,7 @@ def required_wrench(motion: Motion, body: Nominal, gravity: float) -> Array:
 
 
 def true_wrench(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
-    """required_wrench() of the body with what it carries at times t [N]."""
+    """required_wrench() of the body and its payloads at times t [N]."""
     gravity = mechanics.robot.gravity
     wrench = required_wrench(motion, mechanics.body, gravity)
     if mechanics.payloads:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a platform takes up or sets down while it moves.
+"""Payloads that a platform takes up or sets down while it moves.
 
 A payload's ten parameters join the body's in a ramp; a negative mass is set down.
 """
@@ -30,12 +30,12 @@ class Payload:
     time: float
     """s from the start of the motion to the first contact"""
     theta: Array
-    """m, h, J about P [10]: what is added"""
+    """m, h, J about P [10] that are added"""
     ramp: float = RAMP
     """s, the parameters rise evenly over this"""
 
     def share(self, t: Array) -> Array:
-        """How much of it is carried at times t [N], 0 to 1."""
+        """Share of it that is carried at times t [N], 0 to 1."""
         return np.clip((t - self.time) / self.ramp, 0.0, 1.0)
 
 

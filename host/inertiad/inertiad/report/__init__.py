@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reports: one page that says what a run is worth, and what to do next.
+"""Reports: one page with the verdict on runs, the evidence, and the next step.
 
     runs -> report_data.gather() -> verdict.judge()   words
                                  -> figures, scene    drawings  -> interactive (page), printed (PNG, PDF)

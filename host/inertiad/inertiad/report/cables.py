@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which force sensor does not fit the others?
+"""Consistency of the force sensors: is there one that disagrees with the others?
 
     y = [Y, -X] z + e    of every window, z = theta and the systematic parameters, priors from robot.toml
 Two looks at it. Residual per cable: the smallest change of tensions that explains e, W^+ e. Trial without cable i: its
@@ -17,6 +17,7 @@ from inertiad.base.body import Body
 from inertiad.base.table import Array
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate
+from inertiad.robot import systematic
 from inertiad.robot.configuration import platform_size, prior
 from inertiad.run.reader import Recording
 
@@ -24,13 +25,11 @@ BROKEN_BELOW: Final = 0.7
 """residual without the sensor, of the residual with it"""
 ALONE_BELOW: Final = 0.75
 """and of what leaving out any other leaves"""
-FIRST_OFFSET: Final = 11
-"""column of the first force offset among the systematic parameters; systematic.h"""
 
 
 @dataclass(frozen=True)
 class ForceCheck:
-    """How the force sensors agree over M windows of all runs."""
+    """Agreement of the force sensors over M windows of all runs."""
 
     rms: Array
     """N [m]: residual as tension of each cable"""
@@ -41,7 +40,7 @@ class ForceCheck:
     broken: int | None
     """index of the sensor that does not fit"""
     body: Body | None = None
-    """what the runs say without it"""
+    """the estimate without it"""
     t: Array | None = None
     """s [M], one run after the other"""
     error: Array | None = None
@@ -55,7 +54,7 @@ class ForceCheck:
 
 @dataclass(frozen=True)
 class Residual:
-    """What one run leaves unexplained under an estimate."""
+    """Residuals of one run under an estimate."""
 
     t: Array
     """s since the first window [M]"""
@@ -69,7 +68,8 @@ def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
     """Of one run's windows, with the calibration that was estimated along."""
     rows, m = run.rows, run.robot.n_cables
     if estimate.xi is not None:
-        rows = inertiad_core.undelayed(rows, estimate.xi[10], estimate.xi[14 + 2 * m])
+        delays = (systematic.group(name, m).first for name in ("position_delay", "force_delay"))
+        rows = inertiad_core.undelayed(rows, *(estimate.xi[i] for i in delays))
         config = inertiad_core.calibrated(config, estimate.xi)
     windows = inertiad_core.Windows(config, rows)
     e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
@@ -80,7 +80,7 @@ def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
 def _wrench_matrices(windows: Any, n_cables: int) -> Array:
     """W [M, 6, m] about the IMU: an offset of a force sensor is a force too much."""
     X = windows.X(np.zeros(10))
-    return np.asarray(-X[:, :, FIRST_OFFSET : FIRST_OFFSET + n_cables])
+    return np.asarray(-X[:, :, systematic.group("force_offset", n_cables).part])
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _without(equations: _Equations, cable: int) -> tuple[Array, Array, Array]:
 
 
 def _found(model: Model, equations: _Equations, cable: int) -> tuple[Body | None, Array, Array]:
-    """What all others say of the body and, over time, of one sensor's error."""
+    """Estimate from all other sensors: the body and, over time, this sensor's error."""
     z, covariance, _ = _without(equations, cable)
     W_i = equations.W[:, :, cable]
     error = np.einsum("ki,ki->k", W_i, equations.y - equations.H @ z) / np.sum(W_i**2, axis=1)

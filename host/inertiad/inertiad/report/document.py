@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of runs: what is in it and in which order, and its files."""
+"""The report of runs: its contents in order, and its files."""
 
 from pathlib import Path
 
@@ -50,8 +50,8 @@ def _sections(facts: Facts) -> list[Section]:
     if drawn["repeatability"]:
         sections.append(Section("repeatability", "Runs", drawn["repeatability"]))
     if drawn["calibration"]:
-        told = Fold("All sensor errors", tables.calibration(facts))
-        sections.append(Section("calibration", "Calibration", [*drawn["calibration"], told]))
+        errors = Fold("All sensor errors", tables.calibration(facts))
+        sections.append(Section("calibration", "Calibration", [*drawn["calibration"], errors]))
     counters = tables.counters(facts)
     sections.append(
         Section(
@@ -83,7 +83,7 @@ def write(
 ) -> list[str]:
     """Write the page, and each drawing as PNG and PDF into a folder if one is given. Returns the verdict in lines.
 
-    InputError: a path is not there, or has no robot description. A run that cannot be used is said so on the page.
+    InputError: a path is not there, or has no robot description. The page names runs that cannot be used.
     """
     facts = report_data.gather(paths, robot_file, command, progress)
     progress("draw")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a figure consists of, whoever draws it: interactive.py for the page, printed.py for PNG and PDF.
+"""Figures as data, for two renderers: interactive.py for the page, printed.py for PNG and PDF.
 
 A figure is a grid of panels, a panel a list of marks. Colours are roles, so that both renderers and both themes agree.
 """
@@ -40,7 +40,7 @@ SERIES: Final = (
     *("#3b82c4", "#e08214", "#2a9d64", "#c6509b", "#8a6fd1", "#a6761d", "#17a2b8", "#d1495b"),
     *("#6a994e", "#7b8794", "#b5838d", "#4d908e", "#f3a712", "#577590", "#9c6644", "#5e60ce"),
 )
-"""of the cables and of anything else counted; told apart on light and dark ground"""
+"""of the cables and of anything else counted; distinct on light and dark ground"""
 POINTS_MAX: Final = 1200
 """of a line: what a screen shows"""
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts to figures. A figure that would be empty is not made."""
+"""Figures from the report's data. Empty figures are left out."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -8,28 +8,28 @@ import numpy as np
 
 from inertiad.base.body import NAMES, Body
 from inertiad.base.table import Array
-from inertiad.identify import fit
 from inertiad.identify.fit import Estimate
 from inertiad.report import wording
 from inertiad.report.figure import Bars, Color, Figure, Heat, Line, Mark, Panel, Points, Role, Rule, line
 from inertiad.report.report_data import Facts, Run
 from inertiad.report.wording import unit_of
+from inertiad.robot import systematic
 
 KINDS: Final = (("mass", range(0, 1)), ("CoG", range(1, 4)), ("inertia", range(4, 10)))
 AXES: Final = ("x", "y", "z")
 CHANNELS: Final = ("F x", "F y", "F z", "M x", "M y", "M z")
 FLOOR: Final = 1e-9
 NEAR: Final = 3.0
-"""times the greatest tension: a limit further away is told in words, not drawn"""
+"""times the greatest tension: a limit further away is named in the caption, not drawn"""
 
 
 def _several(facts: Facts, run: Run) -> str:
-    """Which run a panel shows, where there are several."""
+    """The run that a panel shows, where there are several."""
     return run.name if len(facts.runs) > 1 else ""
 
 
 def convergence(facts: Facts) -> Iterator[Figure]:
-    """What the platform's filter knew while the run went on."""
+    """The filter's estimate over the run."""
     for number, run in enumerate(facts.usable):
         h = run.history
         if h is None or len(h.t) < 2 or facts.joint is None:
@@ -146,7 +146,7 @@ def tensions(facts: Facts) -> Iterator[Figure]:
 
 
 def motion(facts: Facts) -> Iterator[Figure]:
-    """What excited the parameters."""
+    """Excitation over the run."""
     panels = []
     for run, m in zip(facts.usable, facts.motions, strict=True):
         if len(m.t) < 2:
@@ -168,7 +168,7 @@ def motion(facts: Facts) -> Iterator[Figure]:
 
 
 def coverage(facts: Facts) -> Iterator[Figure]:
-    """How far the run brought each parameter, and how much further the same motion could."""
+    """Sigma of each parameter before, after, and with known sensor errors."""
     u = facts.uncertainty
     if u is None:
         return
@@ -191,7 +191,7 @@ def coverage(facts: Facts) -> Iterator[Figure]:
 
 
 def observability(facts: Facts) -> Iterator[Figure]:
-    """What limits each parameter, and which parameters look alike."""
+    """Error sources of each parameter, and correlations."""
     u = facts.uncertainty
     if u is None:
         return
@@ -210,7 +210,7 @@ def observability(facts: Facts) -> Iterator[Figure]:
     yield Figure(
         "correlation",
         "Correlation of the parameters",
-        "Near ± 1, the data tell a combination of two parameters but not each of them.",
+        "Near ± 1, only a combination of the two parameters is observable.",
         [Panel([Heat(list(NAMES), list(NAMES), u.correlation, signed=True)])],
         1,
         380,
@@ -294,13 +294,15 @@ def repeatability(facts: Facts) -> Iterator[Figure]:
 
 
 def calibration(facts: Facts) -> Iterator[Figure]:
-    """The sensors' errors before and after, and what they cost."""
+    """The sensors' errors before and after, and their cost."""
     joint = facts.joint
     if joint is None or joint.xi is None or joint.xi_std is None or not len(facts.prior_xi):
         return
     prior = np.maximum(facts.prior_xi, 1e-12)
     known = facts.prior_xi > 1e-9
-    labels = [wording.spaced(n) for n, told in zip(fit.names(facts.robot.n_cables), known, strict=True) if told]
+    labels = [
+        wording.spaced(n) for n, is_known in zip(systematic.names(facts.robot.n_cables), known, strict=True) if is_known
+    ]
     z, half = (joint.xi / prior)[known], (joint.xi_std / prior)[known]
     marks: list[Mark] = [
         Bars(labels, [2.0] * len(labels), "before: ± 1 σ of [std]", "muted", [-1.0] * len(labels), thin=True),
@@ -313,7 +315,7 @@ def calibration(facts: Facts) -> Iterator[Figure]:
         "calibration",
         "Sensor errors found",
         "Corrections to the calibration in robot.toml, in units of what [std] expects. A long bar left means the runs "
-        "did not tell it.",
+        "do not observe it.",
         panels,
         1,
         320,

@@ -227,7 +227,7 @@ def _button(view: View, shown: list[bool]) -> dict[str, Any]:
 
 
 def _shown(scene: Scene, view: View) -> list[bool]:
-    """Which marks a view shows."""
+    """The marks that a view shows."""
     return [view.is_far or not (isinstance(mark, Path3) and mark.is_far) for mark in scene.marks]
 
 
@@ -251,5 +251,5 @@ def _of_scene(scene: Scene) -> dict[str, Any]:
 
 
 def document(drawing: Drawing) -> dict[str, Any]:
-    """What page.js hands to plotly.js."""
+    """The arguments that page.js hands to plotly.js."""
     return _of_figure(drawing) if isinstance(drawing, Figure) else _of_scene(drawing)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One HTML page that needs nothing else: text, tables, drawings, and plotly.js inside."""
+"""One self-contained HTML page: text, tables, drawings, plotly.js."""
 
 import base64
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a report comes from: files with their checksums, versions, the command."""
+"""Provenance of a report: files with their checksums, versions, the command."""
 
 import datetime
 import hashlib
@@ -48,7 +48,7 @@ def revision() -> str:
 
 
 def versions() -> list[tuple[str, str]]:
-    """What computed and drew this."""
+    """Versions of the programs that computed and drew this."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     found = [("made", now), ("source revision", revision() or "unknown"), ("Python", platform.python_version())]
     return found + [(name, metadata.version(name)) for name in PACKAGES]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything a report says, as numbers: runs in, one Facts out. Nothing here knows of figures or pages."""
+"""The data of a report: runs in, one Facts out. Nothing here knows of figures or pages."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from inertiad.base.error import InputError
 from inertiad.base.finding import Finding
 from inertiad.base.table import Array
 from inertiad.base.text_files import read_json
-from inertiad.identify import diagnose, fit, identification
+from inertiad.identify import block_statistics, diagnose, findings, fit, identification
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate, Validation
 from inertiad.report import cables
@@ -41,7 +41,7 @@ class History:
     t: Array
     """s since the first row [K]"""
     value: Array
-    """[K, 10] in the order of estimate.NAMES"""
+    """[K, 10] in the order of body.NAMES"""
     std: Array
     n_changes: int
     """of payload, noticed"""
@@ -55,6 +55,7 @@ class Run:
 
     path: Path
     name: str
+    robot: Robot
     recording: Recording | None
     """None: nothing could be read"""
     problem: str = ""
@@ -97,7 +98,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the platform did, over all windows of a run."""
+    """Motion of the platform, over all windows of a run."""
 
     t: Array
     """s since the first row [M]"""
@@ -115,7 +116,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Where the standard deviations of mass, CoG and inertia come from; [10] each."""
+    """Sources of the standard deviations of mass, CoG and inertia; [10] each."""
 
     prior: Array
     found: Array
@@ -166,7 +167,7 @@ def apart(a: Body, b: Body) -> Array:
 
 
 def _names(paths: list[Path]) -> list[str]:
-    """Short names that tell the runs apart."""
+    """Short, distinct names of the runs."""
     resolved = [path.resolve() for path in paths]
     for n in range(1, 6):
         names = ["/".join(path.parts[-n:]) for path in resolved]
@@ -179,26 +180,33 @@ def _names(paths: list[Path]) -> list[str]:
 
 
 def _why(path: Path, name: str, robot: Robot, error: InputError) -> Run:
-    """A run that read() refuses: what is there, what is missing, what to do."""
+    """A run that the reader refuses, with the reason and the remedy."""
     text = str(error)
     if not path.is_dir() or not (path / "can.log").exists():
-        return Run(path, name, None, text, "record the bus: candump -L can0 > can.log, or inertiad --record run.lcmlog")
+        return Run(
+            path, name, robot, None, text, "record the bus: candump -L can0 > can.log, or inertiad --record run.lcmlog"
+        )
     if (path / "can.log").stat().st_size == 0:
-        return Run(path, name, None, f"{path / 'can.log'} is empty", "check bus, bitrate and power, then record again")
+        return Run(
+            path, name, robot, None, f"{path / 'can.log'} is empty", "check bus, bitrate and power, then record again"
+        )
     try:
         seen = reader.without_positions(path, robot)
     except InputError:
-        return Run(path, name, None, text, "")
+        return Run(path, name, robot, None, text, "")
     if len(seen.rows) > 1:
         missing = "no tracker.csv" if not (path / "tracker.csv").exists() else "the tracked positions do not overlap it"
         return Run(
             path,
             name,
+            robot,
             seen,
             f"no positions: {missing}, so the cables' directions are unknown and nothing can be identified",
             "record the tracker beside the bus: inertiactl record; or set [position] source in robot.toml",
         )
-    return Run(path, name, seen, text, "check [[bus]], [signals] and the DBC against the log: inertiactl verify RUN")
+    return Run(
+        path, name, robot, seen, text, "check [[bus]], [signals] and the DBC against the log: inertiactl verify RUN"
+    )
 
 
 def _history(config: Any, recording: Recording) -> History:
@@ -219,18 +227,18 @@ def _daemon(path: Path) -> Body | None:
 
 
 def _read(path: Path, name: str, robot_file: Path | None) -> Run:
-    """A run with what it says alone."""
+    """A run with the result from it alone."""
     robot = reader.robot_of(path, robot_file)
     try:
-        recording = reader.read(path, robot_file)
+        recording = reader.read_as(path, robot)
     except InputError as error:
         return _why(path, name, robot, error)
     config = reader.config_of(recording.robot, str(path))
     try:
         alone = fit.batch(config, [recording])
     except InputError as error:
-        return Run(path, name, recording, str(error), "record for longer: half a minute of motion or more")
-    return Run(path, name, recording, alone=alone, history=_history(config, recording), daemon=_daemon(path))
+        return Run(path, name, robot, recording, str(error), "record for longer: half a minute of motion or more")
+    return Run(path, name, robot, recording, alone=alone, history=_history(config, recording), daemon=_daemon(path))
 
 
 def _motion(config: Any, recording: Recording) -> Motion:
@@ -262,23 +270,16 @@ def _methods(robot: Robot, config: Any, recordings: list[Recording], joint: Esti
 
 def _uncertainty(robot: Robot, result: dict[str, Any]) -> Uncertainty:
     body, P = result["body"][0], np.array(result["covariance"])
-    back = -np.array(robot.imu.position)
-    shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
-    E = inertiad_core.body_jacobian(np.array(body["theta_possible"])) @ shift
+    E = block_statistics.by_body(robot, np.array(body["theta_possible"]))
     S = E @ P[:10, :10] @ E.T
     std = np.sqrt(np.diag(S))
     inverse = np.linalg.inv(E)
     information = inverse.T @ np.linalg.inv(P)[:10, :10] @ inverse
     before = inertiad_core.body(*prior(robot))
     prior_std = np.array([before["mass_std"], *before["cog_std"], *before["inertia_cog_std"]])
-    kinds = {g.name: range(10 + g.first, 10 + g.first + g.n) for g in fit.groups(robot.n_cables)}
-    kinds["geometry"] = range(10 + len(result["xi"]), len(P))
-    share = {}
-    for name, part in kinds.items():
-        cross = E @ P[:10, part]
-        known = np.einsum("ij,jk,ik->i", cross, np.linalg.pinv(P[np.ix_(part, part)]), cross) if len(part) else 0.0
-        share[name] = np.asarray(known / np.diag(S)) * np.ones(10)
-    return Uncertainty(prior_std, std, 1.0 / np.sqrt(np.diag(information)), S / np.outer(std, std), share)
+    return Uncertainty(
+        prior_std, std, 1.0 / np.sqrt(np.diag(information)), S / np.outer(std, std), findings.shares(robot, result)
+    )
 
 
 def _predictions(config: Any, usable: list[Run]) -> list[Validation | None]:
@@ -334,7 +335,7 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
         _uncertainty(robot, result),
         force_check,
         [_motion(config, recording) for recording in recordings],
-        np.array(result["prior_std"])[10 : 10 + len(fit.names(robot.n_cables))],
+        np.asarray(inertiad_core.systematic_std(config)),
         fit.truth_of(paths),
         _simulated(paths),
         done.findings,
@@ -350,11 +351,10 @@ def gather(paths: list[Path], robot_file: Path | None, command: str, progress: P
             raise InputError(f"{path}: No such file or directory")
         progress(f"read {name}")
         found.append(_read(path, name, robot_file))
-    robot = reader.robot_of(paths[0], robot_file)
+    robot = found[0].robot
     for run in found:
-        other = reader.robot_of(run.path, robot_file)
-        if other.n_cables != robot.n_cables:
-            raise InputError(f"{run.path}: {other.n_cables} cables: allowed: {robot.n_cables}, as in {paths[0]}")
+        if run.robot.n_cables != robot.n_cables:
+            raise InputError(f"{run.path}: {run.robot.n_cables} cables: allowed: {robot.n_cables}, as in {paths[0]}")
     if not any(run.is_usable for run in found):
         return Facts(robot, found, command=command)
     return _together(found, command, progress)

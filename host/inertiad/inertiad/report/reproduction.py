@@ -99,7 +99,7 @@ def _sizes(found: Reproduction) -> Figure:
 
 
 def _slack(found: Reproduction) -> Figure:
-    """How far from a body the two-step results are."""
+    """Distance of the two-step results from physical consistency."""
     each = sorted(slack(e.two_step.value[4:]) for e in found.experiments)
     ours = sorted(slack(e.joint.value[4:]) for e in found.experiments)
     labels = [str(i + 1) for i in range(len(each))]
@@ -117,18 +117,18 @@ def _slack(found: Reproduction) -> Figure:
 
 
 def _unlike(two: Array) -> str:
-    """Which of Table III's errors the two steps do not repeat, with both sizes."""
-    told = []
+    """Errors of Table III that the two steps do not repeat, with both sizes."""
+    listed = []
     for i in range(7):
         unit, k = unit_of(i)
         here, there = k * two[i], k * abs(float(TABLE_III[i]))
         if max(here, there) > ALIKE * min(here, there):
-            told.append(f"{NAMES[i]} {there:.{_digits(i)}f} there, {here:.{_digits(i)}f} {unit} here")
-    return ", ".join(told)
+            listed.append(f"{NAMES[i]} {there:.{_digits(i)}f} there, {here:.{_digits(i)}f} {unit} here")
+    return ", ".join(listed)
 
 
 def judge(found: Reproduction) -> Verdict:
-    """What the experiments show."""
+    """Findings from the experiments."""
     n = len(found.experiments)
     two, ours = _median_size(found.two_step_error), _median_size(found.joint_error)
     far = (np.abs(TABLE_III[1:4]) * 1e3).round().astype(int).tolist()

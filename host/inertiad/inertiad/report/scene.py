@@ -2,7 +2,7 @@
 """The platform in space: its cables, the centre of gravity, the ellipsoid of inertia; world axes, m.
 
 The ellipsoid is the uniform one with the identified mass and inertia: semi-axes a_i^2 = 5/(2 m) (J_j + J_k - J_i) along
-the principal axes. It is where the mass is, to scale with the platform.
+the principal axes. It shows the distribution of the mass, to scale with the platform.
 """
 
 import numpy as np

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts to tables of text."""
+"""Tables of text from the report's data."""
 
 from typing import Final
 
 import numpy as np
 
 from inertiad.base.body import NAMES
-from inertiad.identify import fit
 from inertiad.report import figures, wording
 from inertiad.report.figure import Table
 from inertiad.report.report_data import Facts
 from inertiad.report.wording import number, unit_of
+from inertiad.robot import systematic
 
 HARDLY: Final = 0.9
-"""sigma after, of before: the runs told nothing"""
+"""sigma after, of before, from which a parameter counts as not observed"""
 
 
 def result(facts: Facts) -> Table:
@@ -38,7 +38,7 @@ def result(facts: Facts) -> Table:
     faint = [i for i, seen in enumerate(joint.observable) if not seen]
     foot = "σ: one standard deviation, slow errors of the sensors included. CoG from P, inertia about the CoG, matrix "
     foot += "entries, platform axes."
-    return Table(head, rows, foot=foot + (" Grey: not told by this motion." if faint else ""), faint=faint)
+    return Table(head, rows, foot=foot + (" Grey: not observable from this motion." if faint else ""), faint=faint)
 
 
 def methods(facts: Facts) -> Table:
@@ -60,14 +60,15 @@ def calibration(facts: Facts) -> Table:
     joint = facts.joint
     assert joint is not None and joint.xi is not None and joint.xi_std is not None
     rows, faint = [], []
-    parameters = zip(fit.names(facts.robot.n_cables), wording.factors(facts.robot.n_cables), strict=True)
+    parameters = zip(systematic.names(facts.robot.n_cables), wording.factors(facts.robot.n_cables), strict=True)
     for i, (name, (k, unit)) in enumerate(parameters):
         std, before = k * joint.xi_std[i], k * facts.prior_xi[i]
         if std > HARDLY * before:
             faint.append(i)
         rows.append([wording.spaced(name), unit, number(k * joint.xi[i], std, True), number(std, std), f"{before:.3g}"])
     foot = (
-        "Corrections to robot.toml's [calibration]. Grey: these runs did not tell it. inertiactl calibrate keeps them."
+        "Corrections to robot.toml's [calibration]. Grey: not observable in these runs. "
+        "inertiactl calibrate writes them to a file."
     )
     return Table(["", "unit", "found", "± σ", "σ before"], rows, foot=foot, faint=faint)
 
@@ -95,7 +96,7 @@ def tensions(facts: Facts) -> Table:
 
 
 def motion(facts: Facts) -> Table:
-    """How strongly the platform moved."""
+    """Greatest values of the motion."""
     rows = []
     for run, m in zip(facts.usable, facts.motions, strict=True):
         if not len(m.t):
@@ -125,7 +126,7 @@ def loss(facts: Facts) -> Table:
 
 
 def counters(facts: Facts) -> Table | None:
-    """What every stage took in, passed on and refused; those that are not 0."""
+    """Counters of every stage; those that are not 0."""
     counted = [run for run in facts.runs if run.recording is not None and run.recording.counters]
     names: list[str] = []
     for run in counted:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Facts into words: what is good, what is not, what to do next. Worst first; a report opens with this."""
+"""Verdict: findings from the report's data with their remedies, the worst first. A report opens with it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ import numpy as np
 from inertiad.base import counters
 from inertiad.base.body import NAMES
 from inertiad.base.finding import HEADLINES, Finding, Severity, lines, ordered, verdict
+from inertiad.identify.findings import SEPARATES
 from inertiad.report import wording
 from inertiad.report.report_data import GAP, Facts
 from inertiad.report.wording import shown
@@ -22,19 +23,6 @@ SHORT: Final = 15.0
 """s"""
 MOST: Final = 0.5
 """share of a variance that one cause must have to be named as what limits"""
-
-ADVICE: Final = {
-    "force_gain": "add a known weight in a second run: inertiactl calibrate ROBOT RUN RUN2 --payload RUN2=KG",
-    "force_offset": "tare the force sensors with no tension in any cable: inertiactl calibrate --tare FILE.csv",
-    "geometry": "measure anchors and attachments better, and say so in [std] geometry",
-    "attitude_bias": "align the IMU's attitude with the platform: inertiactl calibrate with runs in several poses",
-    "imu_alignment": "measure how the IMU sits on the platform, or calibrate it: inertiactl calibrate",
-    "acc_bias": "calibrate the accelerometer in six positions: inertiactl calibrate",
-    "world_yaw": "align the tracker's frame with the IMU's",
-    "position_delay": "synchronise the tracker with the bus",
-    "force_delay": "give the force frames their device time",
-    "gyro_bias": "let the platform rest for some seconds in every run",
-}
 
 
 @dataclass(frozen=True)
@@ -87,7 +75,7 @@ def _changes(facts: Facts) -> Iterator[Finding]:
                 text += f", first at {run.history.changed_at[0]:.1f} s"
             if _is_broken(facts):
                 yield Finding(
-                    "payload_changed", "care", text, "most likely that sensor: look at what happened to it then"
+                    "payload_changed", "care", text, "most likely that sensor: find out what happened to it then"
                 )
             else:
                 yield Finding(
@@ -101,7 +89,7 @@ def _losses(facts: Facts) -> Iterator[Finding]:
         if recording is None:
             continue
         lost = recording.n_rejected / max(recording.n_rejected + len(recording.rows), 1)
-        causes = ("missing", "late", "overrun", "bad_geometry", "restarts")  # told by _gaps() or as lost samples
+        causes = ("missing", "late", "overrun", "bad_geometry", "restarts")  # reported by _gaps() or as lost samples
         worst = {k: n for k, n in recording.counters.items() if n and k.rpartition(".")[2] in causes}
         if lost > LOST_MAX:
             cause = max(worst, key=lambda k: worst[k]) if worst else "no overlap of the sensors"
@@ -117,11 +105,11 @@ def _losses(facts: Facts) -> Iterator[Finding]:
             if n and counters.is_bad(k) and k.rpartition(".")[2] not in causes
         }
         if bad:
-            told = ", ".join(f"{k} {n}" for k, n in bad.items())
+            listed = ", ".join(f"{k} {n}" for k, n in bad.items())
             yield Finding(
                 "refused_data",
                 "care",
-                f"{run.name}: refused on the way: {told}",
+                f"{run.name}: refused by the pipeline: {listed}",
                 "inertiactl verify RUN names the frames",
             )
         if recording.duration < SHORT:
@@ -199,7 +187,7 @@ def _accuracy(facts: Facts) -> Iterator[Finding]:
 
 
 def limits(facts: Facts) -> str:
-    """What the widest of mass, CoG and inertia is limited by, and what helps."""
+    """The error source that limits the least certain of mass, CoG and inertia, and its remedy."""
     u = facts.uncertainty
     if u is None:
         return ""
@@ -208,7 +196,9 @@ def limits(facts: Facts) -> str:
     i = part.start + int(np.argmax(u.found[part]))
     kind = max(u.share, key=lambda name: u.share[name][i])
     if u.share[kind][i] > MOST:
-        return f"{NAMES[i]}: {100 * u.share[kind][i]:.0f} % of the variance is {wording.spaced(kind)}; {ADVICE[kind]}"
+        return (
+            f"{NAMES[i]}: {100 * u.share[kind][i]:.0f} % of the variance is {wording.spaced(kind)}; {SEPARATES[kind]}"
+        )
     return f"{NAMES[i]} is limited by noise and motion: record for longer, or plan a motion with inertiactl excite"
 
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How numbers and names are written for people: units, digits that the standard deviation allows."""
+"""Numbers and names as text for people: units, digits by the standard deviation."""
 
 from typing import Final
 
 import numpy as np
 
 from inertiad.base.body import UNITS
-from inertiad.identify import fit
+from inertiad.robot import systematic
 
 SHOWN_UNITS: Final = {"kg": ("kg", 1.0), "m": ("mm", 1e3), "kg m2": ("kg m²", 1.0)}
 METHOD_NAMES: Final = {
@@ -53,4 +53,4 @@ def spaced(name: str) -> str:
 
 def factors(n_cables: int) -> list[tuple[float, str]]:
     """Factor and unit in which each systematic parameter is shown."""
-    return [(g.factor, g.unit.replace("m2", "m²")) for g in fit.groups(n_cables) for _ in range(g.n)]
+    return [(g.factor, g.unit.replace("m2", "m²")) for g in systematic.groups(n_cables) for _ in range(g.n)]

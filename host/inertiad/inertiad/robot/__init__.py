@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot described: robot.toml and its DBC files -> the configuration that the daemon and the core read."""
+"""The description of a robot: robot.toml and its DBC files -> the configuration that the daemon and the core read."""

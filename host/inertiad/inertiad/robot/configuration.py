@@ -19,7 +19,11 @@ from inertiad.robot.description import TENSION_MAX_DEFAULT, Cable, Nominal, Robo
 from inertiad_lcm import cable_config_t, robot_config_t, signal_config_t
 
 ATTITUDE_SOURCE = {"quaternion": 1, "rpy": 2}
+ATTITUDE_ESTIMATE = {"ahrs": 0, "fused": 1}
 POSITION_SOURCE = {"tracker": 0, "fixed": 1, "can": 2}
+FORCE_AT = {"platform": 0, "winch": 1}
+DRIFT_TIME = 10800.0
+"""s in which a force offset drifts by its own sigma, where nothing else is declared"""
 GUESSED_DENSITY = 1000.0
 """kg/m3 of the cube that a platform of unknown weight would fill"""
 GUESSED_MASS_MIN = 50.0
@@ -35,6 +39,7 @@ def _cable(cable: Cable | None) -> cable_config_t:
     if cable is not None:
         for key in cable_config_t.__slots__:
             setattr(result, key, getattr(cable, key))
+        result.force_at = FORCE_AT[cable.force_at]
     return result
 
 
@@ -75,6 +80,10 @@ def theta_of(body: Nominal) -> np.ndarray:
     return np.array([body.mass, *(body.mass * rho), J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]])
 
 
+def _is_tension_declared(robot: Robot) -> bool:
+    return any(cable.tension_max != TENSION_MAX_DEFAULT for cable in robot.cable)
+
+
 def typical_mass(robot: Robot) -> float:
     """kg: the nominal mass, or a twenty-fourth of what all cables together could hold, or a guess from the size.
 
@@ -83,7 +92,7 @@ def typical_mass(robot: Robot) -> float:
     """
     if robot.nominal is not None:
         return robot.nominal.mass
-    if all(cable.tension_max == TENSION_MAX_DEFAULT for cable in robot.cable):
+    if not _is_tension_declared(robot):
         return max(GUESSED_DENSITY * (2.0 * platform_size(robot)) ** 3, GUESSED_MASS_MIN)
     return sum(cable.tension_max for cable in robot.cable) / (24.0 * max(robot.gravity, 1.0))
 
@@ -124,17 +133,48 @@ def residual_std(robot: Robot) -> tuple[float, float]:
     return force, 0.6 * platform_size(robot) * force if moment is None else moment
 
 
+def std(robot: Robot) -> dict[str, float]:
+    """[std], completed: what is left out follows from the robot's tensions and from where its force sensors sit."""
+    if _is_tension_declared(robot):
+        offset, gain = 1e-3 * min(cable.tension_max for cable in robot.cable), 5e-3
+    else:
+        offset, gain = 0.1 * typical_mass(robot) * max(robot.gravity, 1.0) / robot.n_cables, 0.03
+    offset = offset if robot.std.force_offset is None else robot.std.force_offset
+    is_at_winch = any(cable.force_at == "winch" for cable in robot.cable)
+    follows = {
+        "force_offset": offset,
+        "force_gain": gain,
+        "force_offset_drift": offset / math.sqrt(DRIFT_TIME),
+        "friction": 0.02 if is_at_winch else 5e-3,
+    }
+    return follows | robot.std.model_dump(exclude_none=True)
+
+
+def delays(robot: Robot) -> dict[str, float]:
+    """s: of imu, force, position and attitude, with what the sensors' low-passes and the calibration add."""
+    align, calibration = robot.align, robot.calibration
+    total = {}
+    for sensor in ("imu", "force", "position", "attitude"):
+        low_pass = getattr(align, f"filter_{sensor}")
+        filtered = 0.0 if low_pass is None else low_pass.delay
+        total[sensor] = getattr(align, f"delay_{sensor}") + filtered + getattr(calibration, f"{sensor}_delay", 0.0)
+    return total
+
+
 def _fill_sensors(config: robot_config_t, robot: Robot) -> None:
     config.imu_position, config.imu_orientation = robot.imu.position, robot.imu.orientation
     config.sample_rate = robot.imu.rate
     config.tracker_target = robot.tracker.target
     config.attitude_source = ATTITUDE_SOURCE[robot.attitude.source]
+    follows = "ahrs" if robot.position.source == "fixed" else "fused"
+    config.attitude_estimate = ATTITUDE_ESTIMATE[robot.attitude.estimate or follows]
     config.position_source = POSITION_SOURCE[robot.position.source]
     config.fixed_position = robot.position.fixed or [0.0, 0.0, 0.0]
     config.max_wait = robot.align.max_wait
     config.max_age = [robot.align.max_age_imu, robot.align.max_age_force, robot.align.max_age_position]
     config.max_carry = robot.align.max_carry
-    config.delay = [robot.align.delay_imu, robot.align.delay_force, robot.align.delay_position]
+    delay = delays(robot)
+    config.delay, config.delay_attitude = [delay[s] for s in ("imu", "force", "position")], delay["attitude"]
 
 
 def _fill_calibration(config: robot_config_t, robot: Robot) -> None:
@@ -145,10 +185,8 @@ def _fill_calibration(config: robot_config_t, robot: Robot) -> None:
     config.force_gain = _padded(calibration.force_gain, robot_config_t.CABLES_MAX)
     if any(calibration.imu_alignment):
         _turn_imu(config, calibration.imu_alignment)
-    _, force, position = config.delay
-    config.delay = [config.delay[0], force + calibration.force_delay, position + calibration.position_delay]
     left_over = calibration.std.model_dump(exclude_none=True)
-    for key, value in (robot.std.model_dump() | left_over).items():
+    for key, value in (std(robot) | left_over).items():
         setattr(config, f"std_{key}", value)
 
 
@@ -220,7 +258,7 @@ def _values(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def differences(was: robot_config_t, now: robot_config_t) -> dict[str, str]:
-    """What two configurations disagree on, by its path: "0.64, was 0.628". Indices count from 1.
+    """Differences of two configurations by their path: "0.64, was 0.628". Indices count from 1.
 
     A number that differs by rounding, as processors with and without fused operations compile it, is the same.
     """

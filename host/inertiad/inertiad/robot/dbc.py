@@ -1,26 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """CAN databases: bind quantities to DBC signals, convert their units to SI, and write a DBC for robots without one."""
 
+from __future__ import annotations
+
 import math
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-
-# cantools loads its bus tester, not used here, and with it python-can and the libraries of every log format.
-_TESTER = "cantools.tester"
-_is_stood_in = sys.modules.setdefault(_TESTER, ModuleType(_TESTER)).__spec__ is None
-# ruff: noqa: E402
-import cantools
-from cantools.database.can import Database, Message, Signal
-
-if _is_stood_in:
-    del sys.modules[_TESTER]
+from typing import TYPE_CHECKING
 
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.robot.description import Bound, Robot, Scaled
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
 
 EXTENDED_ID = 0x80000000
 GENERATED_NAME = "generated.dbc"
@@ -69,10 +63,13 @@ class BusDatabase:
 
 def load(paths: Iterable[Path]) -> BusDatabase:
     """Read the DBC files of one bus. InputError names the file and, where the parser knows it, the line."""
+    from cantools.database import load_file
+    from cantools.database.can import Database
+
     messages: list[tuple[Message, str]] = []
     for path in paths:
         try:
-            database = cantools.database.load_file(path, database_format="dbc", strict=True)
+            database = load_file(path, database_format="dbc", strict=True)
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}") from None
         except Exception as error:  # the parser raises several unrelated types
@@ -145,8 +142,8 @@ def _bus_number(name: str, reference: str, prefix: str, n_buses: int) -> int:
 
 
 def _unit_of(name: str, signal: Signal, place: str) -> float:
-    """SI value of one of the signal's units. InputError: it does not measure what the quantity is."""
-    if name in quantity.COUNTER:  # only told apart, never measured
+    """SI value of one of the signal's units. InputError: it is of another dimension than the quantity."""
+    if name in quantity.COUNTER:  # compared for equality only, never measured
         return 1.0
     try:
         return units.unit_factor(signal.unit, quantity.dimension(name))
@@ -172,7 +169,7 @@ def _bind(name: str, bound: str | Scaled, buses: list[BusDatabase]) -> Binding:
 
 
 def carries_time(binding: Binding, bindings: Iterable[Binding]) -> bool:
-    """Is the binding's signal a device time? One that tells samples apart may be bound as their counter, too."""
+    """Is the binding's signal a device time? A time that distinguishes samples may be bound as their counter, too."""
     times = (b for b in bindings if b.quantity in quantity.TIME)
     return any((b.bus, b.can_id, b.signal.name) == (binding.bus, binding.can_id, binding.signal.name) for b in times)
 
@@ -193,6 +190,8 @@ def bind(robot: Robot, source: str) -> list[Binding]:
     if robot.bus:
         buses, signals = [load(bus.files) for bus in robot.bus], robot.signals
     else:
+        from cantools.database.can import Database
+
         text, signals = generate(robot)
         generated = Database()
         generated.add_dbc_string(text)
@@ -207,8 +206,10 @@ def bind(robot: Robot, source: str) -> list[Binding]:
         raise InputError(f"{source}: {error}") from None
     for name in required(robot):
         if name not in signals:
-            derived = "; only inertiactl fit SIGNALS.csv does without" if name in quantity.ACC + quantity.GYRO else ""
-            raise InputError(f'{source}: signals.{name}: missing: allowed: {name} = "MESSAGE.signal"{derived}')
+            derived = (
+                " (only inertiactl fit SIGNALS.csv works without it)" if name in quantity.ACC + quantity.GYRO else ""
+            )
+            raise InputError(f'{source}: signals.{name}: missing; add {name} = "MESSAGE.signal"{derived}')
     if len(bindings) > 64:
         raise InputError(f"{source}: {len(bindings)} bindings in [signals]: allowed: up to 64")
     return bindings

@@ -14,6 +14,8 @@ gravity                              9.81                 m/s2, along -z of W
   swivel_axis                        [0, 0, 1]            unit, W: cable travel at the anchor, winch to pulley
   weight_per_length                  0                    N/m
   tension_min, tension_max           0, 1e6               N
+  force_at                           "platform"           where its force sensor sits: "platform", between cable and
+                                                          platform; "winch", behind the pulley
 [[cable]] anchor, attachment         required             m, W and P; 1 to 16 cables
 [imu] position                       [0, 0, 0]            m, P
 [imu] orientation                    [1, 0, 0, 0]         unit quaternion w x y z, I to P
@@ -35,16 +37,29 @@ gravity                              9.81                 m/s2, along -z of W
 [position] source                    "tracker"            "tracker", "fixed", "can"
 [position] fixed                                          m, W, of the tracked point, for source "fixed"
 [attitude] source                    "quaternion"         "quaternion", "rpy"
+[attitude] estimate                  see right            "fused": gyro, accelerometer and tracked position; "ahrs": as
+                                                          measured; fused where the position is measured
 [align] max_wait                     0.25                 s a row waits for the slowest sensor
 [align] max_age_{imu,force,position} 0.1, 0.1, 0.25       s interpolation may bridge
 [align] max_carry                    0.5                  s that attitude and IMU carry the position on when the
                                                           tracker is silent, 0: not at all
 [align] delay_{imu,force,position}   0                    s from the measured instant to its stamp
+[align] delay_attitude               0                    s the attitude lies behind the gyro of its sample
+[align] filter_{imu,force,position,                       low-pass that the sensor's samples went through:
+                attitude}                                 { kind = "bessel", order = 4, cutoff = 10.0 }, Hz at -3 dB;
+                                                          "bessel", "butterworth": its delay adds to the one above
 [std] acc_bias, gyro_bias            0.02, 1.75e-4        m/s2, rad/s; all of [std]: one sigma left after calibration
 [std] attitude, world_yaw            5.2e-3, 8.7e-3       rad
 [std] imu_alignment, imu_position    3.5e-3, 1e-3         rad, m
-[std] force_offset, force_gain       5, 5e-3              N, 1
+[std] tracker_target                 1e-3                 m
+[std] force_offset                   see right            N: 0.001 of the least tension_max; where none is declared
+                                                          0.1 of a cable's share of the weight
+[std] force_gain                     5e-3                 1; 0.03 where no tension_max is declared
+[std] force_offset_drift             see right            N/sqrt(s), random walk: force_offset in three hours
 [std] force_delay, position_delay    1e-3, 5e-3           s
+[std] attitude_delay                 5e-3                 s
+[std] friction                       see right            1, share of the tension: 0.02 at the winch, else 5e-3
+[std] acc_scale, gyro_scale          3e-3, 3e-3           1
 [std] geometry                       1e-3                 m, anchors and attachments
 [std] attitude_wander                1.75e-3              rad, slow error about the bias: sets the residual below
 [estimator] window_length            0.4                  s
@@ -61,9 +76,10 @@ gravity                              9.81                 m/s2, along -z of W
 [calibration] force_gain             zeros                1: measured = (1 + gain) true + offset
 [calibration] imu_alignment          [0, 0, 0]            rad, P: orientation of [imu] turned by this
 [calibration] position_delay,
-              force_delay            0                    s, on top of [align]
-[calibration.std] as in [std]                             what `inertiactl calibrate` left over, instead of [std]
-[calibration] names, covariance,                          of all corrections together, and what the data could not tell:
+              force_delay,
+              attitude_delay         0                    s, on top of [align]
+[calibration.std] as in [std]                             sigmas after `inertiactl calibrate`, instead of [std]
+[calibration] names, covariance,                          of all corrections together, and unobservable parameters:
               not_told                                    for people and programs, not compiled
 ===================================  ===================  ==============================================================
 """
@@ -80,6 +96,7 @@ from pydantic import (
     Tag,
     model_validator,
 )
+from scipy import signal
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
@@ -87,7 +104,7 @@ from inertiad.base.text_files import read_json, read_toml
 from inertiad.robot.messages import Range, Strict, nearest_or_known, shown, validate
 
 TENSION_MAX_DEFAULT = 1e6
-"""N: no cable holds more; says nothing about the platform"""
+"""N: no cable holds more; carries no information about the platform"""
 
 
 def _unit_norm(value: list[float]) -> list[float]:
@@ -120,6 +137,7 @@ class Cables(Strict):
     weight_per_length: Annotated[float, AfterValidator(Range(0, 1e4, "N/m"))] = 0.0
     tension_min: Annotated[float, AfterValidator(Range(0, 1e7, "N"))] = 0.0
     tension_max: Annotated[float, AfterValidator(Range(0, 1e8, "N"))] = TENSION_MAX_DEFAULT
+    force_at: Literal["platform", "winch"] = "platform"
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -197,7 +215,7 @@ Bound = Annotated[
     Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")] | Annotated[Scaled, Tag("table")],
     Discriminator(_form),
 ]
-"""What [signals] binds a quantity to."""
+"""The right-hand side of a key in [signals]."""
 
 
 class Position(Strict):
@@ -213,6 +231,21 @@ class Position(Strict):
 
 class Attitude(Strict):
     source: Literal["quaternion", "rpy"] = "quaternion"
+    estimate: Literal["fused", "ahrs"] | None = None
+
+
+class LowPass(Strict):
+    """A low-pass that a sensor's samples went through; cutoff in Hz, at -3 dB."""
+
+    kind: Literal["bessel", "butterworth"]
+    order: Annotated[int, Field(ge=1, le=10)]
+    cutoff: Annotated[float, AfterValidator(Range(0.1, 1e5, "Hz"))]
+
+    @property
+    def delay(self) -> float:
+        """s: its group delay at frequencies far below the cut-off, the sum of -1/pole of H(s) = k / prod(s - pole)."""
+        poles = signal.besselap(self.order, norm="mag")[1] if self.kind == "bessel" else signal.buttap(self.order)[1]
+        return float(-np.sum(1.0 / poles).real) / (2.0 * math.pi * self.cutoff)
 
 
 class Align(Strict):
@@ -224,10 +257,18 @@ class Align(Strict):
     delay_imu: Delay = 0.0
     delay_force: Delay = 0.0
     delay_position: Delay = 0.0
+    delay_attitude: Delay = 0.0
+    filter_imu: LowPass | None = None
+    filter_force: LowPass | None = None
+    filter_position: LowPass | None = None
+    filter_attitude: LowPass | None = None
 
 
 class Std(Strict):
-    """What calibration leaves over, one sigma. The defaults are a good modern set of sensors, not calibrated."""
+    """Sigmas of the errors after calibration. The defaults are a good modern set of sensors, not calibrated.
+
+    None: follows from the robot's tensions, see configuration.std.
+    """
 
     acc_bias: Sigma = 0.02
     gyro_bias: Sigma = 1.75e-4
@@ -235,10 +276,16 @@ class Std(Strict):
     world_yaw: Sigma = 8.7e-3
     imu_alignment: Sigma = 3.5e-3
     imu_position: Sigma = 1e-3
-    force_offset: Sigma = 5.0
-    force_gain: Sigma = 5e-3
+    tracker_target: Sigma = 1e-3
+    force_offset: Sigma | None = None
+    force_gain: Sigma | None = None
+    force_offset_drift: Sigma | None = None
     force_delay: Sigma = 1e-3
     position_delay: Sigma = 5e-3
+    attitude_delay: Sigma = 5e-3
+    friction: Sigma | None = None
+    acc_scale: Sigma = 3e-3
+    gyro_scale: Sigma = 3e-3
     geometry: Sigma = 1e-3
     attitude_wander: Sigma = 1.75e-3
 
@@ -263,7 +310,7 @@ class Estimator(Strict):
 
 
 class LeftOver(Strict):
-    """[calibration.std]: replaces entries of [std] by what a calibration left over."""
+    """[calibration.std]: replaces entries of [std] by the sigmas after a calibration."""
 
     acc_bias: Sigma | None = None
     gyro_bias: Sigma | None = None
@@ -274,6 +321,7 @@ class LeftOver(Strict):
     force_gain: Sigma | None = None
     force_delay: Sigma | None = None
     position_delay: Sigma | None = None
+    attitude_delay: Sigma | None = None
 
 
 class Calibration(Strict):
@@ -286,6 +334,7 @@ class Calibration(Strict):
     imu_alignment: Number3 = [0.0, 0.0, 0.0]
     position_delay: Delay = 0.0
     force_delay: Delay = 0.0
+    attitude_delay: Delay = 0.0
     std: LeftOver = LeftOver()
     names: list[str] = []
     covariance: list[list[float]] = []
@@ -343,6 +392,8 @@ class Robot(Strict):
                 raise ValueError(f'signals.{key} = "MESSAGE.signal", one signal (lists are for counters)')
         if self.signals and not self.bus:
             raise ValueError("[[bus]] with the DBC file that [signals] refers to")
+        if self.attitude.estimate == "fused" and self.position.source == "fixed":
+            raise ValueError('attitude.estimate = "ahrs" with a fixed position: "fused" needs a measured one')
         if self.bus and not self.signals:
             raise ValueError("[signals] that bind quantities to signals of the DBC")
         return self
@@ -379,7 +430,7 @@ def _absolute(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _calibration(keys: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """[calibration] with what its file and, over that, its sync say under its own keys."""
+    """[calibration]: its own keys over those of its sync, and these over those of its file."""
     own = {k: v for k, v in keys.items() if k not in ("file", "sync")}
     for key, read in (("sync", _read_sync), ("file", read_toml)):
         if isinstance(keys.get(key), str):

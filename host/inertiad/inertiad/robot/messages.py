@@ -72,7 +72,7 @@ _TYPE_NAMES = {
 
 
 def _allowed(error: dict[str, Any]) -> str:
-    """What would have been right, in a few words."""
+    """The allowed values, in a few words."""
     kind, ctx = error["type"], error.get("ctx", {})
     if kind == "value_error":
         return str(ctx["error"])

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run folder written and read: CAN logs, LCM logs, signals and tracker CSV -> aligned rows."""
+"""Run folders, written and read: CAN logs, LCM logs, signals and tracker CSV -> aligned rows."""

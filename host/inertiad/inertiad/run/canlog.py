@@ -41,7 +41,7 @@ class CanLog:
     """interfaces, sorted"""
     source: str
     remarks: tuple[str, ...] = ()
-    """what was wrong with the log, one line each"""
+    """damage of the log, one line each"""
     n_damaged: int = 0
     """lines or records that are no frame"""
 
@@ -71,7 +71,7 @@ def read_candump(path: Path) -> CanLog:
             f"{path}: {found['n_bad']} lines left out, the first: {found['first_bad']}: {found['first_reason']}"
         )
     if found["n_reported_lost"]:
-        remarks.append(f"{path}: the logger says that it lost {found['n_reported_lost']} frames")
+        remarks.append(f"{path}: the logger reports {found['n_reported_lost']} lost frames")
     arrays = {name: found[name] for name in ("t_ns", "can_id", "flags", "length", "bus", "data")}
     names = tuple(found["names"])
     return _by_name(CanLog(**arrays, names=names, source=str(path), remarks=tuple(remarks), n_damaged=found["n_bad"]))
@@ -115,7 +115,7 @@ def _row(message: Any) -> Row:
 
 
 def _until_damage(messages: Iterable[Any], remarks: list[str], path: Path) -> Iterator[Row]:
-    """Frames up to the first record that cannot be read; that is told in remarks."""
+    """Frames up to the first record that cannot be read; remarks name it."""
     n = 0
     try:
         for message in messages:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quantities a data set lacks, from those it has.
+"""Derived motion: quantities that a data set lacks, from those it has.
 
-Attitude from a tracker that tells poses, by spherical interpolation. Rate from attitude: quaternions are fitted by a
+Attitude from a tracker that measures poses, by spherical interpolation. Rate from attitude: quaternions are fitted by a
 quintic least-squares B-spline q(t), and omega = 2 vec(q* q')/|q|^2, which is the paper's equation (4) without its
 singularity. Specific force from positions: the IMU point's path is fitted by such a spline x(t), and
-s = R^T (x'' + g z). The spline is differentiated, never the samples, and what it gives is averaged over windows
+s = R^T (x'' + g z). The spline is differentiated, never the samples, and the result is averaged over windows
 afterwards, so noise in x enters as integral(phi'' x) would. Poses at rest, seconds apart, become one window each.
 
 What is derived is as wrong as the attitude and the positions it comes from; rows that hold it say so, and the batch
@@ -20,10 +20,11 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from inertiad.base import quantity
 from inertiad.base.table import Array, Table
+from inertiad.robot.configuration import delays
 from inertiad.robot.description import Robot
 
 KNOTS_PER_WINDOW = 4
-"""distance of the spline's knots: a quarter of the weak form's window, what the window can resolve"""
+"""knots of the spline per window of the weak form: the window resolves no more"""
 POSE_SAMPLES = 9
 """rows that stand for one pose at rest: exactly one window"""
 POSE_GAP = 10.0
@@ -42,7 +43,7 @@ class Completed:
     derives_rate: bool = False
     """gyro comes from attitude"""
     notes: tuple[str, ...] = ()
-    """what was done, in words"""
+    """the derived quantities, as text"""
 
 
 def spline(t: Array, x: Array, knot_distance: float) -> BSpline:
@@ -69,7 +70,7 @@ def rate_from_attitude(t: Array, q: Array, knot_distance: float) -> Array:
 
 @dataclass(frozen=True)
 class _Axes:
-    """How I axes, P axes and W lie to each other by the calibration; wrench.h has the equations."""
+    """Rotations between I, P and W by the calibration; equations in wrench.h."""
 
     R_PI: Rotation
     attitude: Rotation
@@ -95,7 +96,8 @@ def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, 
     The tracker's are platform to world. The delays of [align] and [calibration] are taken off both. Between poses
     further apart than max_age_position there is nothing.
     """
-    late = robot.align.delay_position + robot.calibration.position_delay - robot.align.delay_imu
+    delay = delays(robot)
+    late = delay["position"] - delay["imu"]
     at = t + late
     after = np.clip(np.searchsorted(tracker.t, at), 1, len(tracker.t) - 1)
     near = np.diff(tracker.t)[after - 1] <= robot.align.max_age_position
@@ -107,8 +109,8 @@ def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, 
 
 def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Array]:
     """Times [K] s and positions [K, 3] of the IMU point in W, at the tracker's samples within the signals' time."""
-    align, calibration = robot.align, robot.calibration
-    t = positions.t - align.delay_position - calibration.position_delay + align.delay_imu
+    delay = delays(robot)
+    t = positions.t - delay["position"] + delay["imu"]
     inside = (t >= signals.t[0]) & (t <= signals.t[-1])
     t, x = t[inside], positions.stack("x", "y", "z")[inside]
     R = Slerp(signals.t, _axes(robot).to_world(signals.stack(*quantity.QUATERNION)))
@@ -117,7 +119,7 @@ def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Ar
 
 
 def force_from_positions(robot: Robot, signals: Table, positions: Table, knot_distance: float) -> Array:
-    """What an accelerometer would have measured at the signals' times, I axes, m/s2 [N, 3]."""
+    """Specific force at the signals' times, I axes, m/s2 [N, 3], with the calibration's bias."""
     t, x = _imu_path(robot, signals, positions)
     at, axes = np.clip(signals.t, t[0], t[-1]), _axes(robot)
     s = spline(t, x, knot_distance)(at, 2) + np.array([0.0, 0.0, robot.gravity])
@@ -126,7 +128,7 @@ def force_from_positions(robot: Robot, signals: Table, positions: Table, knot_di
 
 
 def _gyro_from_attitude(robot: Robot, signals: Table, knot_distance: float) -> Array:
-    """What a gyro would have measured at the signals' times, I axes, rad/s [N, 3]."""
+    """Angular rate at the signals' times, I axes, rad/s [N, 3], with the calibration's bias."""
     axes = _axes(robot)
     rate = rate_from_attitude(signals.t, signals.stack(*quantity.QUATERNION), knot_distance)
     return (axes.attitude * axes.R_PI).inv().apply(rate) + np.array(robot.calibration.gyro_bias)

@@ -4,25 +4,27 @@
 Frames are packed a whole column at a time; a signal costs one numpy pass per bit.
 """
 
-import shutil
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from inertiad.base import quantity, table
+from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
-from inertiad.base.text_files import to_toml
 from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Robot, read_data
-from inertiad.run import tracker_csv
+from inertiad.run import signals_csv, tracker_csv
+from inertiad.run.folder import open_run, write_robot
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message, Signal
 
 Bits = NDArray[np.uint64]
 
@@ -197,93 +199,14 @@ def write_can_log(path: Path, t: Array, frames: list[Frames], stamp: Stamp = sta
     return len(lines)
 
 
-def write_robot(folder: Path, robot: Robot, data: dict[str, Any], bitrate: float | None = None) -> None:
-    """Write the robot's description and DBC files into a run folder.
-
-    data holds the keys of robot.toml (robot.read_data()); bitrate, if given, replaces that of every bus.
-    """
-    data = {key: value for key, value in data.items() if key not in ("bus", "signals")}
-    if robot.bus:
-        buses = [
-            _copied_bus(folder, bus.files, number) | bus.model_dump(exclude={"dbc"})
-            for number, bus in enumerate(robot.bus)
-        ]
-        signals: dict[str, Any] = robot.model_dump(include={"signals"})["signals"]
-    else:
-        text, signals = dbc.generate(robot)
-        (folder / dbc.GENERATED_NAME).write_text(text, encoding="cp1252")
-        buses = [{"dbc": dbc.GENERATED_NAME}]
-    if bitrate is not None:
-        buses = [bus | {"bitrate": bitrate} for bus in buses]
-    text = to_toml(data | {"bus": buses, "signals": signals})
-    (folder / "robot.toml").write_text(text, encoding="utf-8")
-
-
-def _copied_bus(folder: Path, files: list[Path], number: int) -> dict[str, Any]:
-    """Copy a bus's DBC files into the folder; names taken by another bus's get the bus number in front."""
-    names = []
-    for path in files:
-        target = folder / path.name
-        if target.exists() and target.read_bytes() != path.read_bytes() and number > 0:
-            target = folder / f"bus{number}_{path.name}"
-        if target.resolve() != path.resolve():
-            shutil.copyfile(path, target)
-        names.append(target.name)
-    return {"dbc": names[0] if len(names) == 1 else names}
-
-
-def open_run(folder: Path) -> Path:
-    """Create a run folder; InputError if it cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: {error.strerror}") from None
-    return folder
-
-
-def signal_columns(robot: Robot) -> list[str]:
-    """Column names a signals CSV may have for this robot."""
-    sensors = quantity.ACC + quantity.GYRO + quantity.QUATERNION + quantity.RPY + quantity.POSITION
-    return ["t", *sensors, *quantity.forces(robot.n_cables)]
-
-
-def with_attitude(signals: Table) -> Table:
-    """The table with both a quaternion and roll, pitch, yaw, from whichever it has."""
-    columns = dict(signals.columns)
-    if all(name in columns for name in quantity.QUATERNION):
-        q = signals.stack(*quantity.QUATERNION)
-        norm = np.linalg.norm(q, axis=1)
-        far = np.flatnonzero(np.abs(norm - 1.0) > 0.01)
-        if len(far):
-            at = int(far[0])
-            raise InputError(f"{signals.name}: t = {signals.t[at]:.6f} s: |q| = {norm[at]:.4g}: allowed: 1, within 1 %")
-        rpy = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX")[:, ::-1]
-        columns = dict(zip(quantity.RPY, rpy.T, strict=True)) | columns
-    elif all(name in columns for name in quantity.RPY):
-        rotation = Rotation.from_euler("ZYX", signals.stack(*quantity.RPY)[:, ::-1])
-        columns |= dict(zip(quantity.QUATERNION, rotation.as_quat(scalar_first=True).T, strict=True))
-    return Table(signals.t, columns, signals.name)
-
-
-def read_signals(path: Path, robot: Robot) -> Table:
-    """A signals CSV, complete for the robot. InputError: see table.read(), or a column is missing."""
-    signals = with_attitude(table.read(path, signal_columns(robot)))
-    if signals.t[0] < 0.0:
-        raise InputError(f"{path}: t = {signals.t[0]:g} s: allowed: 0 and later")
-    for name in (*dbc.required(robot), *robot.signals):
-        if name not in signals.columns and name not in quantity.COUNTER + quantity.TIME:
-            raise InputError(f"{path}: line 1: no column {name}, which the robot's CAN signals need")
-    return signals
-
-
 def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Path | None, folder: Path) -> int:
     """CSV files -> run folder. Every frame is stamped with its sample's time. Returns the number of frames."""
     bindings = dbc.bind(robot, str(robot_file))
-    signals = read_signals(signals_file, robot)
+    signals = signals_csv.read(signals_file, robot)
     tracker = tracker_csv.read(tracker_file) if tracker_file else None
     if tracker is None and robot.position.source == "tracker":
         raise InputError(
-            f'{robot_file}: position.source = "tracker": allowed: with --tracker FILE, else "fixed" or "can"'
+            f'{robot_file}: position.source = "tracker"; pass --tracker FILE, or set source to "fixed" or "can"'
         )
     frames = pack(bindings, signals, signals.t)
     open_run(folder)

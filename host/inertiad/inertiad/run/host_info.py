@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""header.json of a run: where, when and by what it was recorded, and how well that host's clock was synchronised.
+"""header.json of a run: host, time and command of the recording, and the synchronisation of that host's clock.
 
 The kernel's own view (adjtimex) is always there, whoever disciplines the clock: chrony, ntpd, phc2sys, nobody. What
 chronyc and pmc (linuxptp) say comes beside it where they are installed and answer.
@@ -51,7 +51,7 @@ def _kernel() -> dict[str, Any]:
 
 
 def _output(*command: str) -> str:
-    """What a program prints; "" where it is not there, fails or hangs."""
+    """stdout of a program; "" where it is missing, fails or hangs."""
     if shutil.which(command[0]) is None:
         return ""
     try:
@@ -89,7 +89,7 @@ def _ptp() -> dict[str, Any] | None:
 
 
 def clock() -> dict[str, Any]:
-    """How well this host's clock is synchronised; s. Keys kernel and, where they answer, chrony and ptp."""
+    """Synchronisation of this host's clock, s. Keys kernel and, where they answer, chrony and ptp."""
     found: dict[str, Any] = {"kernel": _kernel()}
     for name, state in (("chrony", _chrony()), ("ptp", _ptp())):
         if state is not None:
@@ -114,20 +114,20 @@ def write(run: Path) -> None:
 
 
 def clock_in_words(run: Path) -> tuple[bool, str]:
-    """Whether the recording host's clock was synchronised, and what its header says. InputError: an unusable header."""
+    """Whether the recording host's clock was synchronised, and its state as text. InputError: an unusable header."""
     path = run / NAME
     if not path.exists():
         return False, f"no {NAME}: the run does not say how its host's clock was kept"
     header = read_json(path)
     state = header.get("clock", {})
     kernel, chrony, ptp = (state.get(name, {}) for name in ("kernel", "chrony", "ptp"))
-    said = []
+    parts = []
     if chrony:
-        said.append(f"chrony from {chrony['reference']}, {1e6 * chrony['offset_rms_s']:.0f} us rms")
+        parts.append(f"chrony from {chrony['reference']}, {1e6 * chrony['offset_rms_s']:.0f} us rms")
     if ptp:
         present = "" if ptp["master_present"] else ", no master"
-        said.append(f"PTP, {1e6 * ptp['offset_s']:.1f} us off its master{present}")
+        parts.append(f"PTP, {1e6 * ptp['offset_s']:.1f} us off its master{present}")
     good = bool(kernel.get("synchronised"))
     bound = min([s["error_max_s"] for s in (kernel, chrony) if "error_max_s" in s], default=float("inf"))
-    said.append(f"error at most {1e3 * bound:.2f} ms" if good else "not synchronised, says the kernel")
-    return good, f"{header.get('host', '?')}: {'; '.join(said)}"
+    parts.append(f"error at most {1e3 * bound:.2f} ms" if good else "not synchronised, by the kernel's account")
+    return good, f"{header.get('host', '?')}: {'; '.join(parts)}"

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from inertiad.base.error import InputError
+from inertiad.run import estimate_message
+from inertiad_lcm import estimate_t
 
 HEAD: Final = struct.Struct(">IQQII")
 SYNC: Final = 0xEDA1DA01
@@ -32,7 +34,7 @@ class Event:
 
 
 def _next(file: BinaryIO) -> Event | None:
-    """The next record; None at the end. ValueError: what is wrong."""
+    """The next record; None at the end. ValueError: it is damaged."""
     head = file.read(HEAD.size)
     if not head:
         return None
@@ -48,7 +50,7 @@ def _next(file: BinaryIO) -> Event | None:
 
 
 def read(path: Path, remarks: list[str] | None = None) -> Iterator[Event]:
-    """Every message up to the end or to the first damage, which is told in remarks in one line."""
+    """Every message up to the end or to the first damage, which remarks name in one line."""
     with path.open("rb") as file:
         n = 0
         while True:
@@ -66,18 +68,18 @@ def read(path: Path, remarks: list[str] | None = None) -> Iterator[Event]:
 
 
 def decode(kind: Any, event: Event, path: Path | str) -> Any:
-    """The message of an event. InputError if it was written with other message types."""
+    """The message of an event; an ESTIMATE may be of an earlier version. InputError: of a type that is not known."""
     try:
-        return kind.decode(event.data)
+        return estimate_message.decode(event.data) if kind is estimate_t else kind.decode(event.data)
     except (ValueError, struct.error, IndexError):
         raise InputError(
-            f"{path}: message {event.number} on {event.channel} is no {kind.__name__} of this version: "
-            "allowed: logs whose lcm_types are the same"
+            f"{path}: message {event.number} on {event.channel} is no {kind.__name__} of this version; "
+            "read the log with the version that wrote it"
         ) from None
 
 
 class Writer:
-    """Write records; what could not be written (disk full) is counted and said once by the caller."""
+    """Write records; records that could not be written (disk full) are counted, and reported once by the caller."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 import inertiad_core
-from inertiad.base import counters as judgement
 from inertiad.base import quantity, table
+from inertiad.base.counters import n_rejected
 from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
 from inertiad.robot import configuration, description
 from inertiad.robot.description import Robot
-from inertiad.run import derived_motion, encode, lcmlog, tracker_csv
+from inertiad.run import derived_motion, lcmlog, signals_csv, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
 
@@ -37,7 +37,7 @@ class Recording:
     """rows lost or refused, all causes"""
     counters: dict[str, int]
     notes: tuple[str, ...] = ()
-    """what was derived, in words"""
+    """the derived quantities, as text"""
 
     @property
     def duration(self) -> float:
@@ -72,25 +72,25 @@ def robot_of(path: Path, robot_file: Path | None = None) -> Robot:
     found = own if own.exists() else None
     file = found or robot_file if path.is_dir() else robot_file or found
     if file is None:
-        raise InputError(f"{own}: not there: allowed: with --robot ROBOT")
+        raise InputError(f"{own}: not found; pass --robot ROBOT")
     return description.load(file)
 
 
 def _read_folder(folder: Path, robot: Robot) -> Recording:
     log, tracker = folder / "can.log", folder / "tracker.csv"
     if not log.exists():
-        raise InputError(f"{log}: not there: allowed: a run folder with can.log, or a signals CSV")
+        raise InputError(f"{log}: not found; pass a run folder with can.log, or a signals CSV")
     needs_tracker = robot.position.source == "tracker"
     if needs_tracker and not tracker.exists():
-        raise InputError(f'{tracker}: not there, but position.source = "tracker"')
+        raise InputError(f'{tracker}: not found, but position.source = "tracker"')
     pipeline = play(folder, robot, str(folder), tracker if needs_tracker else None)
     counters = {k: int(v) for k, v in pipeline.counters.items()}
-    rejected = sum(counters[name] for name in judgement.REJECTED)
-    return Recording(folder, robot, inertiad_core.rows_of(pipeline), counters["decode.frames"], rejected, counters)
+    rows, n_frames = inertiad_core.rows_of(pipeline), counters["decode.frames"]
+    return Recording(folder, robot, rows, n_frames, n_rejected(counters), counters)
 
 
 def without_positions(folder: Path, robot: Robot) -> Recording:
-    """A run folder's rows as if the platform stood still among its anchors: for a look at what else was recorded.
+    """A run folder's rows as if the platform stood still among its anchors: to inspect the other sensors.
 
     The rows may be none. InputError: no can.log.
     """
@@ -116,19 +116,21 @@ def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
 
 
 def _read_lcm(log: Path, robot: Robot) -> Recording:
-    """What a daemon published: its aligned rows, its counters."""
+    """A daemon's LCM log: its aligned rows, its counters."""
     signals, health = _published(log)
-    rows = [row for message in signals for row in message.row]
-    if any(row.n_cables != robot.n_cables for row in rows):
-        raise InputError(f"{log}: {rows[0].n_cables} cables: allowed: {robot.n_cables}, as in the robot description")
+    published = [row for message in signals for row in message.row]
+    if any(row.n_cables != robot.n_cables for row in published):
+        raise InputError(
+            f"{log}: {published[0].n_cables} cables: allowed: {robot.n_cables}, as in the robot description"
+        )
     width = {"acc": 3, "gyro": 3, "q": 4, "position": 3, "f": robot.n_cables}
-    columns = [np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items()]
-    counters = {c.name: c.value for c in health[-1].counter} if health else {}
-    t_ns = np.array([row.t_ns for row in rows], dtype=np.int64)
-    rejected = sum(counters.get(name, 0) for name in judgement.REJECTED)
-    return Recording(
-        log, robot, inertiad_core.Rows(t_ns, *columns), counters.get("decode.frames", 0), rejected, counters
+    acc, gyro, q, position, f = (
+        np.array([getattr(row, name) for row in published]).reshape(-1, n) for name, n in width.items()
     )
+    counters = {c.name: c.value for c in health[-1].counter} if health else {}
+    t_ns = np.array([row.t_ns for row in published], dtype=np.int64)
+    rows, n_frames = inertiad_core.Rows(t_ns, acc, gyro, q, position, f), counters.get("decode.frames", 0)
+    return Recording(log, robot, rows, n_frames, n_rejected(counters), counters)
 
 
 def _positions(signals: Table, file: Path, robot: Robot) -> Table:
@@ -147,7 +149,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> Table:
 
 
 def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[str, ...]]:
-    """Signals without an attitude of their own with that of the poses in tracker.csv beside them, and what was done.
+    """Signals without an attitude of their own with that of the poses in tracker.csv beside them, and a note on it.
 
     Samples outside the tracker's time, or in a gap of more than max_age_position, are left out.
     """
@@ -166,7 +168,7 @@ def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[T
 
 
 def _read_signals(file: Path, robot: Robot) -> Recording:
-    signals = encode.with_attitude(table.read(file, encode.signal_columns(robot)))
+    signals = signals_csv.with_attitude(table.read(file, signals_csv.columns(robot)))
     signals, borrowed = _with_trackers_attitude(signals, file, robot)
     for name in (quantity.QUATERNION[0], *quantity.forces(robot.n_cables)):
         if name not in signals.columns:
@@ -195,12 +197,16 @@ def aligned(whole: derived_motion.Completed, source: str) -> Any:
 
 
 def read(path: Path, robot_file: Path | None = None) -> Recording:
+    """read_as() the robot that belongs to the run."""
+    return read_as(path, robot_of(path, robot_file))
+
+
+def read_as(path: Path, robot: Robot) -> Recording:
     """A run folder, a signals CSV or an LCM log. InputError: a file is missing or unusable, or nothing in it lines up.
 
     A folder without can.log is read from the run.lcmlog in it.
     """
     log = path / "run.lcmlog" if path.is_dir() and not (path / "can.log").exists() else path
-    robot = robot_of(path, robot_file)
     if log.suffix == ".lcmlog" and log.exists():
         run = _read_lcm(log, robot)
     else:
@@ -220,8 +226,10 @@ def part(recording: Recording, begin: float, end: float) -> Recording:
     rows = recording.rows
     t = rows.t - rows.t[0]
     inside = (t >= begin) & (t <= end)
-    columns = [np.ascontiguousarray(x[inside]) for x in (rows.acc, rows.gyro, rows.q, rows.position, rows.f)]
-    kept = inertiad_core.Rows(_nanoseconds(rows.t[inside]), *columns, rows.derives_force, rows.derives_rate)
+    values = (rows.acc, rows.gyro, rows.q, rows.position, rows.f)
+    acc, gyro, q, position, f = (np.ascontiguousarray(x[inside]) for x in values)
+    t_ns = _nanoseconds(rows.t[inside])
+    kept = inertiad_core.Rows(t_ns, acc, gyro, q, position, f, rows.derives_force, rows.derives_rate)
     return replace(recording, rows=kept)
 
 

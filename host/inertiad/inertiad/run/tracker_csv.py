@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracker CSV: t,x,y,z; s and m, world frame, of the tracked point. From an instrument that tells poses also
+"""Tracker CSV: t,x,y,z; s and m, world frame, of the tracked point. From an instrument that measures poses also
 q_w,q_x,q_y,q_z, unit quaternion platform to world."""
 
 from pathlib import Path

@@ -44,7 +44,7 @@ def frame_time(frames: Frames, bitrate: float, data_bitrate: float, stuffed: boo
 
 
 def priority(can_id: int) -> int:
-    """Who wins the bus, less first: by the 11 leading bits, then 11-bit before 29-bit identifiers."""
+    """Arbitration key of an identifier, lowest first: the 11 leading bits, then 11-bit before 29-bit identifiers."""
     if can_id & dbc.EXTENDED_ID:
         return (can_id & 0x1FFC0000) << 1 | 1 << 18 | can_id & 0x3FFFF
     return (can_id & 0x7FF) << 19
@@ -71,14 +71,14 @@ def _through(robot: Robot, level: Faults, t: Array, frames: list[Frames], node: 
         raise InputError(f"bus {frames[0].bus}: {100 * load:.0f} % load at this --rate: allowed: up to 100 %")
     ready = {n: t + level.release_jitter * dice[f"release_{n}"].random(len(t)) for n in sorted(set(node))}
     release = np.column_stack([ready[n] for n in node])
-    first = np.tile([priority(f.can_id) for f in frames], len(t))
-    took = np.tile([frame_time(f, *rates) for f in frames], len(t))
-    end = inertiad_core.arbitrate(release.ravel(), first, took)
+    first = [priority(f.can_id) for f in frames] * len(t)
+    took = [frame_time(f, *rates) for f in frames] * len(t)
+    end = inertiad_core.arbitrate(release.ravel().tolist(), first, took)
     return list(np.asarray(end).reshape(release.shape).T)
 
 
 def _lost(level: Faults, t: Array, carries: set[str], dice: np.random.Generator) -> Mask:
-    """Which frames [N] never reach the host."""
+    """Mask [N] of the frames that never reach the host."""
     lost = dice.random(len(t)) < level.frame_loss
     if level.silent in carries or level.silent == "bus":
         lost |= level.is_on(t)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors and their faults: how a simulated measurement differs from the truth.
+"""Sensor models: simulated measurements of the truth, with systematic faults and noise.
 
 Systematic faults (biases, offsets, gains, misalignment, geometry) are drawn once per run from normal distributions with
 the given standard deviations; noise is drawn per sample. A fault file is TOML with the keys of Faults; keys left out
@@ -267,7 +267,7 @@ def draw(level: Faults, n_cables: int, dice: Dice) -> Drawn:
 def measure_imu(
     s: Array, omega: Array, R: Array, R_PI: Array, level: Faults, drawn: Drawn, rate: float, dice: Dice
 ) -> tuple[Array, Array, Array]:
-    """What an IMU reports.
+    """Simulated IMU samples.
 
     s [N, 3] specific force at the IMU and omega [N, 3], P axes; R [N, 3, 3] P to W; R_PI [3, 3] I to P of robot.toml.
     Returns acceleration [N, 3] and rate [N, 3] in I axes, unit quaternion [N, 4] w x y z, I to W.
@@ -284,19 +284,19 @@ def measure_imu(
 
 
 def measure_forces(f: Array, level: Faults, drawn: Drawn, rate: float, dice: Dice) -> Array:
-    """What force sensors report of true tensions f [N, m], N."""
+    """Simulated force samples of true tensions f [N, m], N."""
     noise = white(level.force_noise_density, rate, f.shape, dice["force_noise_density"])
     noise = noise + level.force_noise * dice["force_noise"].standard_normal(f.shape)
     return (1.0 + drawn.force_gain) * f + drawn.force_offset + noise
 
 
 def measure_positions(target: Array, level: Faults, dice: Dice) -> Array:
-    """What a tracker reports of the target's true positions [N, 3], m."""
+    """Simulated tracker positions of the target's true ones [N, 3], m."""
     return target + level.tracker_noise * dice["tracker_noise"].standard_normal(target.shape)
 
 
 def out_of_sight(level: Faults, t: Array, dice: Dice) -> NDArray[np.bool_]:
-    """Which tracker samples at times t [N] of the motion never come."""
+    """Mask [N] of the tracker samples at times t [N] of the motion that are lost."""
     lost = dice["tracker_loss"].random(len(t)) < level.tracker_loss
     if level.silent == "tracker":
         lost |= level.is_on(t)

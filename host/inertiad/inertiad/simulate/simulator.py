@@ -31,6 +31,7 @@ from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Nominal, Robot, read_data
 from inertiad.robot.messages import validate
 from inertiad.run import encode, tracker_csv
+from inertiad.run import folder as run_folder
 from inertiad.run.encode import Frames
 from inertiad.simulate import bus_timing, sensor_models
 from inertiad.simulate.sensor_models import Drawn, Faults
@@ -42,11 +43,11 @@ SAMPLES_MAX = 20_000_000
 
 Progress = Callable[[str], None]
 Pack = Callable[[list[Binding], Table, Array], list[Frames]]
-"""Who makes frames of signals, as encode.pack() does."""
+"""A function that packs signals into frames, as encode.pack() does."""
 
 
 def tracker_target(robot: Robot, motion: Motion) -> Array:
-    """Where the tracker's target is during a motion, m [N, 3], world axes."""
+    """Position of the tracker's target during a motion, m [N, 3], world axes."""
     return motion.p + motion.R @ np.array(robot.tracker.target)
 
 
@@ -67,7 +68,7 @@ def measure_signals(
     rate: float,
     dice: Dice,
 ) -> Table:
-    """What IMU and force sensors report at times t [N] of the trajectory, as a signals table in host time."""
+    """Simulated IMU and force samples at times t [N] of the trajectory, as a signals table in host time."""
     motion = trajectory.at(t)
     R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True).as_matrix()
     s = specific_force(motion, robot.gravity, np.array(robot.imu.position))
@@ -87,7 +88,7 @@ def measure_signals(
 
 
 def measure_tracker(robot: Robot, trajectory: Trajectory, level: Faults, dice: Dice) -> Table:
-    """What the tracker reports, in host time."""
+    """Simulated tracker positions, in host time."""
     t = np.arange(int(trajectory.duration * level.tracker_rate) + 1) / level.tracker_rate
     xyz = sensor_models.measure_positions(tracker_target(robot, trajectory.at(t - level.tracker_delay)), level, dice)
     seen = ~sensor_models.out_of_sight(level, t, dice)
@@ -164,7 +165,7 @@ def truth_of(mechanics: Mechanics, drawn: Drawn, settings: dict[str, Any], level
 
 @dataclass(frozen=True)
 class Run:
-    """What to simulate."""
+    """Settings of a simulation."""
 
     robot_file: Path
     robot: Robot
@@ -183,12 +184,12 @@ class Run:
 
 @dataclass(frozen=True)
 class Simulated:
-    """What came out."""
+    """Result of a simulation."""
 
     n_frames: int
     """in can.log"""
     remarks: list[str]
-    """what there is to say about the motion"""
+    """notes on the motion"""
 
 
 def body_of(robot: Robot, robot_file: Path, file: Path | None, mass: float | None) -> Nominal:
@@ -201,7 +202,7 @@ def body_of(robot: Robot, robot_file: Path, file: Path | None, mass: float | Non
     elif robot.nominal is not None:
         body = robot.nominal
     else:
-        raise InputError(f"{robot_file}: no [nominal] body: allowed: with --body FILE")
+        raise InputError(f"{robot_file}: no [nominal] body; pass --body FILE")
     return body if mass is None else validate(Nominal, body.model_dump() | {"mass": mass}, "--mass")
 
 
@@ -257,12 +258,12 @@ def _settings(run: Run, path: Trajectory) -> dict[str, Any]:
 
 
 def _path(run: Run, mechanics: Mechanics) -> tuple[Trajectory, list[str]]:
-    """How the platform moves, and what there is to say about it."""
+    """The motion of the platform, and notes on it."""
     if run.plant is None:
         return run.trajectory, []
     believed = forward_dynamics.believed_by_controller(run.robot, str(run.robot_file), mechanics)
     moved = forward_dynamics.move(mechanics, believed, run.trajectory, run.plant, run.rate)
-    return moved, forward_dynamics.spoken(moved, run.robot)
+    return moved, forward_dynamics.summary(moved, run.robot)
 
 
 def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pack) -> Simulated:
@@ -282,9 +283,9 @@ def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pac
     signals = measure_signals(robot, mechanics, path, t, level, drawn, run.rate, dice)
     progress("pack frames")
     frames = pack(bindings, signals, _device_time(level, drawn, t))
-    encode.open_run(folder)
+    run_folder.open_run(folder)
     progress("write files")
-    encode.write_robot(folder, robot, _description(run), bitrate=None if level.bus_timing else 0.0)
+    run_folder.write_robot(folder, robot, _description(run), bitrate=None if level.bus_timing else 0.0)
     if robot.position.source == "tracker":
         tracker_csv.write(folder / "tracker.csv", measure_tracker(robot, path, level, dice))
     truth = truth_of(mechanics, drawn, _settings(run, path), level)

@@ -28,7 +28,7 @@ struct BatchSettings {
     std::vector<bool> is_free;      ///< of each xi; empty: all
     double theta_prior = 1.0;       ///< factor on the prior sigmas of theta
     bool is_weight_learnt = true;   ///< V_run from the residuals; false: the configured covariance holds
-    int n_steps_max = 40;
+    int n_steps_max = 80;
 };
 
 /// What a group's data say about its body, about P.
@@ -70,7 +70,7 @@ struct BatchResult {
     Eigen::VectorXd prior_std;      ///< of the same unknowns
     std::vector<int> free;          ///< indices of the free xi
     std::vector<BatchBlock> block;  ///< all windows, in order
-    Eigen::MatrixXd H_prior;        ///< of priors, known mass differences and gyro means; scaled as the blocks
+    Eigen::MatrixXd H_prior;        ///< of priors, known mass differences and sensor means; scaled as the blocks
     int n_steps;
     double last_step;               ///< largest change of the next step in posterior sigmas
     bool is_converged;

@@ -27,8 +27,13 @@ public:
     void run(BatchResult& result)
     {
         first_step();
-        for (n_steps_ = 1; n_steps_ < settings_.n_steps_max && !is_done(); ++n_steps_) {
-            if (!step()) { break; }
+        for (n_steps_ = 1; n_steps_ < settings_.n_steps_max; ++n_steps_) {
+            const bool is_here = is_done() || !step();
+            if (is_here && !is_settled_) {
+                arrive(problem_.pass());  // under renewed weights
+            } else if (is_here && !widen()) {
+                break;
+            }
         }
         result.n_steps = n_steps_;
         result.last_step = last_step_;
@@ -70,6 +75,15 @@ private:
             problem_.go_to(start);
         }
         return false;
+    }
+
+    /// Where steps end, implausible priors become wider, and weights and steps start again from there. False: none is.
+    bool widen()
+    {
+        if (!problem_.widen_priors()) { return false; }
+        is_settled_ = false, n_renewed_ = 0, n_idle_ = 0, shortest_ = HUGE_VAL, damping_ = 0.0;
+        arrive(problem_.pass());
+        return true;
     }
 
     void arrive(Problem::Pass pass)

@@ -11,10 +11,10 @@
 
 namespace inertiad::detail {
 
-/// Equations of a run's windows: rows [A, b], six each, and d(b)/d(wander) of each window.
+/// Equations of a run's windows: rows [A, b], six each, and d(b)/d(drift) of each window.
 struct Equations {
     Eigen::MatrixXd rows;
-    std::vector<Eigen::Matrix<double, 6, 3>> turn;
+    std::vector<Eigen::MatrixXd> by_drift;
 
     Column6 residual(std::size_t k) const
     {

@@ -2,10 +2,10 @@
 /// The unknowns of a batch, and its equations at one point.
 #pragma once
 
+#include "drift.hpp"
 #include "equations.hpp"
 #include "long_run.hpp"
 #include "triangle.hpp"
-#include "wander.hpp"
 
 extern "C" {
 #include "eiv_correction.h"
@@ -20,10 +20,13 @@ extern "C" {
 
 namespace inertiad::detail {
 
-constexpr double SMALLEST_STD = 1e-12;  // any unit, of what is declared perfect; as in firmware/core/filter_states.c
-constexpr double BLOCK_LENGTH = 1.0;    // s, at least: two windows and more
-constexpr int BLOCKS_MAX = 48;          // of a run: chosen, a fiftieth of it locates a change well enough
-constexpr double GYRO_FLOOR = 1e-6;     // rad/s: chosen under the bias stability of any MEMS gyro
+constexpr double BLOCK_LENGTH = 1.0;  // s, at least: two windows and more
+constexpr int BLOCKS_MAX = 48;        // of a run: chosen, a fiftieth of it locates a change well enough
+constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
+constexpr double SPEED_STD = 0.05;    // m/s, of the vertical speed's change over a run: chosen as a tracker's
+constexpr double IMPLAUSIBLE = 3.0;   // sigmas, as in firmware/core/filter_states.c
+constexpr double LEAST_TOLD = 0.01;   // of a prior's variance, as there
+constexpr double GYRO_FLOOR = 1e-6;   // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
 /// the equations.
@@ -35,9 +38,9 @@ struct Problem {
         std_xi.resize(IPE_XI_MAX);
         ipe_systematic_std(&config.c(), std_xi.data());
         std_xi.conservativeResize(n_xi);
-        std_xi = std_xi.cwiseMax(SMALLEST_STD);
         for (int i = 0; i < n_xi; ++i) {
-            if (settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)]) { free.push_back(i); }
+            const bool is_wanted = settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)];
+            if (is_wanted && std_xi[i] > 0.0) { free.push_back(i); }
         }
         at_geometry = IPE_NP * n_groups + static_cast<int>(free.size());
         n_geometry = free.empty() || config.c().std_geometry <= 0.0 ? 0 : 3 * config.n_cables();
@@ -46,6 +49,7 @@ struct Problem {
         set_prior();
         scale.tail(n_geometry).setConstant(config.c().std_geometry);
         xi = Eigen::VectorXd::Zero(n_xi);
+        used_std = std_xi;
         eiv_correction.resize(runs.size());
         V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
     }
@@ -93,7 +97,16 @@ struct Problem {
         return b;
     }
 
-    /// Rows [A, b] of a run as measured, and what wander does to each window's.
+    /// What the parameters in which the equations are linear add to a window's wrench.
+    Column6 linear_part(const Config& corrected, Derived derived, const SmoothWindow& window, const Theta& x) const
+    {
+        const SystematicColumns X = systematic_columns(corrected, derived, window, x);
+        Column6 sum = Column6::Zero();
+        for (const int i : linear_parameters(config.n_cables())) { sum += X.col(i) * xi[i]; }
+        return sum;
+    }
+
+    /// Rows [A, b] of a run as measured, and what drift does to each window's.
     Equations equations(const RunWindows& run, const BatchRun& of, const Config& corrected) const
     {
         Equations found;
@@ -104,7 +117,7 @@ struct Problem {
             const ipe_average_t& a = run.window[k];
             auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
             Column6 y = Eigen::Map<const Vector6>(a.y);
-            found.turn.push_back(Eigen::Matrix<double, 6, 3>::Zero());
+            found.by_drift.push_back(Eigen::MatrixXd::Zero(6, 3 + config.n_cables()));
             if (free.empty()) {
                 block.middleCols<IPE_NP>(IPE_NP * of.group) = regressor(a);
                 block.col(n) = y - regressor(a) * x;
@@ -112,12 +125,15 @@ struct Problem {
             }
             const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
             if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
+            y += linear_part(corrected, of.derived, smooth[k], x);
             block.col(n) = y - regressor(a) * x;
             const Regressor Y = regressor(smooth[k].average);
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
             const SmoothWindow at = reproducing(W, y - Y * x, smooth[k]);
             const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
-            found.turn.back() = -X.middleCols<3>(IPE_XI_ATTITUDE);
+            const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&a.R[0][0]);
+            found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
+                -X.middleCols(IPE_XI_FORCE, config.n_cables());
             if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
             for (std::size_t i = 0; i < free.size(); ++i) {
                 block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
@@ -130,12 +146,12 @@ struct Problem {
     Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before,
                               BatchFit& of) const
     {
-        Wander wander(wander_std(), 1);
+        Drift drift(config.c(), !free.empty(), 1);
         std::vector<Column6> innovation;
         Column6 explained = Column6::Zero(), sum_squares = Column6::Constant(1e-300);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained += wander.take_out(run.window[k].t_ns, measured.turn[k], V_before, e).diagonal();
+            explained += drift.take_out(run.window[k], measured.by_drift[k], V_before, e).diagonal();
             innovation.push_back(e);
             sum_squares += e.cwiseAbs2();
         }
@@ -150,10 +166,10 @@ struct Problem {
     /// The run's rows as independent ones of unit variance.
     Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C) const
     {
-        Wander wander(wander_std(), n + 1);
+        Drift drift(config.c(), !free.empty(), n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Square6 part = wander.take_out(run.window[k].t_ns, measured.turn[k], C, block);
+            const Square6 part = drift.take_out(run.window[k], measured.by_drift[k], C, block);
             const Square6 L = Square6(part + C).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
         }
@@ -171,17 +187,79 @@ struct Problem {
         return n;
     }
 
-    double wander_std() const { return free.empty() ? 0.0 : config.c().std_attitude_wander; }
-
     Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
     {
         Ab.leftCols(n) = Ab.leftCols(n) * scale.asDiagonal();
         return Ab;
     }
 
-    /// Priors of theta and xi, and known mass differences.
+    /// A gain that all force sensors have in common scales theta, and only known payloads tell it: elsewhere it stays 0,
+    /// and its sigma is added when the body is published.
+    bool has_common_gain() const { return !settings.is_payload_known && !gains().empty(); }
+
+    /// Places of the free gains among the unknowns; none unless all are free.
+    std::vector<Eigen::Index> gains() const
+    {
+        const int first = IPE_XI_FORCE + config.n_cables(), end = first + config.n_cables();
+        std::vector<Eigen::Index> found;
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            if (free[i] >= first && free[i] < end) {
+                found.push_back(IPE_NP * n_groups + static_cast<Eigen::Index>(i));
+            }
+        }
+        return static_cast<int>(found.size()) == config.n_cables() ? found : std::vector<Eigen::Index>{};
+    }
+
+    /// What is not known of the common gain, in the gains' covariance.
+    void add_common_gain(Eigen::MatrixXd& covariance) const
+    {
+        const double std = has_common_gain() ? ipe_filter_states_common_gain_std(&config.c()) : 0.0;
+        for (const Eigen::Index i : gains()) {
+            for (const Eigen::Index j : gains()) { covariance(i, j) += std * std; }
+        }
+    }
+
+    /// The gains sum to zero.
+    Eigen::MatrixXd common_gain_row() const
+    {
+        const double std = COMMON_GAIN * config.c().std_force_gain * std::sqrt(static_cast<double>(config.n_cables()));
+        Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(has_common_gain() ? 1 : 0, n + 1);
+        for (const Eigen::Index i : gains()) {
+            if (Ab.rows() == 0) { break; }
+            Ab(0, i) = 1.0 / std;
+            Ab(0, n) -= xi[free[static_cast<std::size_t>(i - IPE_NP * n_groups)]] / std;
+        }
+        return scaled(Ab);
+    }
+
+    /// Prior sigma of xi i for the next step: as in the last, or, as on the platform, what the data alone say where the
+    /// prior makes the estimate of a delay, place or friction implausible (ipe_filter_states_widen()).
+    double prior_std(int i) const
+    {
+        const bool is_delay = i >= IPE_XI_POSITION_DELAY && i <= IPE_XI_ATTITUDE_DELAY;
+        const bool is_place = i >= IPE_XI_IMU_POSITION && i < IPE_XI_ACC_SCALE;
+        const bool is_friction = i >= IPE_XI_FORCE + 2 * config.n_cables();
+        const bool is_unsure = is_delay || is_place || is_friction;
+        const Eigen::Index at = place(i);
+        if (!is_unsure || P.size() == 0 || at < 0) { return std_xi[i]; }
+        const double variance = used_std[i] * used_std[i], told = variance - P(at, at);
+        const bool is_told = told > LEAST_TOLD * variance;
+        const bool is_implausible = is_told && xi[i] * xi[i] > IMPLAUSIBLE * IMPLAUSIBLE * told;
+        return is_implausible ? std::abs(xi[i]) * variance / told : used_std[i];
+    }
+
+    /// Widen the priors of xi that are implausible. True: one was.
+    bool widen_priors()
+    {
+        const Eigen::VectorXd before = used_std;
+        for (const int i : free) { used_std[i] = std::max(prior_std(i), used_std[i]); }
+        return used_std != before;
+    }
+
+    /// Priors of theta and xi, known mass differences, and the gains' zero sum.
     Eigen::MatrixXd prior() const
     {
+        const Eigen::MatrixXd common = common_gain_row();
         const int n_known = settings.is_payload_known ? n_groups - 1 : 0;
         Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(n + n_known, n + 1);
         for (int g = 0; g < n_groups; ++g) {
@@ -191,8 +269,9 @@ struct Problem {
         }
         for (std::size_t i = 0; i < free.size(); ++i) {
             const Eigen::Index row = IPE_NP * n_groups + static_cast<Eigen::Index>(i);
-            Ab(row, row) = 1.0 / std_xi[free[i]];
-            Ab(row, n) = -xi[free[i]] / std_xi[free[i]];
+            const double std = used_std[free[i]];
+            Ab(row, row) = 1.0 / std;
+            Ab(row, n) = -xi[free[i]] / std;
         }
         for (int i = 0; i < n_geometry; ++i) {
             Ab(at_geometry + i, at_geometry + i) = 1.0 / scale[at_geometry + i];
@@ -205,14 +284,15 @@ struct Problem {
             Ab(n + g - 1, n) =
                 (settings.payload[at] - settings.payload[0] - theta[at][0] + theta[0][0]) / settings.payload_std;
         }
-        return scaled(Ab);
+        Eigen::MatrixXd all(Ab.rows() + common.rows(), n + 1);
+        all << scaled(Ab), common;
+        return all;
     }
 
     /// Mean difference between the gyro and the change of attitude: the gyro's bias, three rows; none where it is not free.
     Eigen::MatrixXd gyro_rows(const std::vector<ipe_average_t>& window) const
     {
-        const int first = IPE_XI_FORCE + 2 * config.n_cables();
-        const auto at = std::find(free.begin(), free.end(), first);
+        const auto at = std::find(free.begin(), free.end(), static_cast<int>(IPE_XI_GYRO_BIAS));
         std::vector<Eigen::Vector3d> d;
         std::vector<ipe_average_t> kept;
         for (std::size_t k = 4; k < window.size(); ++k) {
@@ -238,6 +318,65 @@ struct Problem {
         return scaled(Ab);
     }
 
+    /// Place of systematic parameter i among the unknowns, -1: it is not free.
+    Eigen::Index place(int i) const
+    {
+        const auto at = std::find(free.begin(), free.end(), i);
+        return at == free.end() ? -1 : IPE_NP * n_groups + static_cast<Eigen::Index>(at - free.begin());
+    }
+
+    /// The accelerometer's scale: the mean of its vertical part is gravity and the change of the vertical speed, a row for
+    /// every stretch of windows without a gap. Its sigma is that of the tracked speeds, and of the attitude, which turns
+    /// horizontal acceleration into the vertical.
+    Eigen::MatrixXd gravity_rows(const std::vector<ipe_average_t>& window) const
+    {
+        const Eigen::Index scale_at = place(IPE_XI_ACC_SCALE), bias_at = place(IPE_XI_ACC_BIAS);
+        Eigen::MatrixXd Ab(0, n + 1);
+        if (scale_at < 0) { return Ab; }
+        for (std::size_t first = 0, end = 1; first < window.size(); first = end++) {
+            while (end < window.size() && follows(window, end, 1)) { ++end; }
+            if (end - first < 2 * IPE_NOISE_LAGS) { continue; }
+            Ab.conservativeResize(Ab.rows() + 1, Eigen::NoChange);
+            Ab.bottomRows<1>() = gravity_row(window, first, end, scale_at, bias_at);
+        }
+        return scaled(Ab);
+    }
+
+    /// What a run's means say of its motion sensors: gyro_rows() and gravity_rows().
+    Eigen::MatrixXd mean_rows(const std::vector<ipe_average_t>& window, Derived derived) const
+    {
+        const Eigen::MatrixXd gyro = gyro_rows(window);
+        const Eigen::MatrixXd gravity = derived.force ? Eigen::MatrixXd(0, n + 1) : gravity_rows(window);
+        Eigen::MatrixXd Ab(gyro.rows() + gravity.rows(), n + 1);
+        Ab << gyro, gravity;
+        return Ab;
+    }
+
+    Eigen::RowVectorXd gravity_row(const std::vector<ipe_average_t>& window, std::size_t first, std::size_t end,
+                                   Eigen::Index scale_at, Eigen::Index bias_at) const
+    {
+        const double* q = config.c().imu_orientation;
+        const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+        const double count = static_cast<double>(end - first);
+        Eigen::Vector3d up = Eigen::Vector3d::Zero();
+        double vertical = 0.0, horizontal2 = 0.0;
+        for (std::size_t k = first; k < end; ++k) {
+            const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&window[k].R[0][0]);
+            const Eigen::Vector3d force = R * Eigen::Map<const Vector3>(window[k].s);
+            up += R_PI.transpose() * R.row(2).transpose() / count;
+            vertical += force.z() / count;
+            horizontal2 += force.head<2>().squaredNorm() / count;
+        }
+        const double T = 1e-9 * static_cast<double>(window[end - 1].t_ns - window[first].t_ns);
+        const double rise = (window[end - 1].velocity[2] - window[first].velocity[2]) / T;
+        const double std = std::hypot(SPEED_STD / T, config.c().std_attitude * std::sqrt(horizontal2));
+        Eigen::RowVectorXd row = Eigen::RowVectorXd::Zero(n + 1);
+        row[scale_at] = config.c().gravity / std;
+        if (bias_at >= 0) { row.segment<3>(bias_at) = up.transpose() / std; }
+        row[n] = (vertical - config.c().gravity - rise - config.c().gravity * xi[IPE_XI_ACC_SCALE]) / std;
+        return row;
+    }
+
     /// The equations of all runs at the present point.
     struct Pass {
         explicit Pass(Eigen::Index n) : weighted(n), renewed(n) {}
@@ -256,7 +395,7 @@ struct Problem {
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
             RunWindows run = windows_under(config, corrected, runs[r], xi);
-            const Eigen::MatrixXd gyro = gyro_rows(run.window);
+            const Eigen::MatrixXd means = mean_rows(run.window, runs[r].derived);
             gate_rest(config, run);
             const Equations measured = equations(run, runs[r], corrected);
             BatchFit of = fit_of(run, r, measured);
@@ -268,7 +407,7 @@ struct Problem {
                 p.weighted.add(whitened(run, measured, V[r]));
                 p.renewed.add(whitened(run, measured, p.V[r]));
             }
-            if (gyro.rows() > 0) { p.weighted.add(gyro), p.renewed.add(gyro); }
+            if (means.rows() > 0) { p.weighted.add(means), p.renewed.add(means); }
             p.eiv_correction.push_back(eiv_correction_of(run, runs[r].derived));
             p.fit.push_back(of);
         }
@@ -328,8 +467,8 @@ struct Problem {
         H_prior = Ab.leftCols(n).transpose() * Ab.leftCols(n);
         for (std::size_t r = 0; r < runs.size(); ++r) {
             RunWindows run = windows_under(config, corrected, runs[r], xi);
-            const Eigen::MatrixXd gyro = gyro_rows(run.window);
-            H_prior += gyro.leftCols(n).transpose() * gyro.leftCols(n);
+            const Eigen::MatrixXd means = mean_rows(run.window, runs[r].derived);
+            H_prior += means.leftCols(n).transpose() * means.leftCols(n);
             gate_rest(config, run);
             if (!run.window.empty()) { cut(run, r, whitened(run, equations(run, runs[r], corrected), V[r]), block); }
         }
@@ -371,7 +510,7 @@ struct Problem {
     const BatchSettings& settings;
     int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
     std::vector<int> free;
-    Eigen::VectorXd std_xi, scale, xi, geometry;
+    Eigen::VectorXd std_xi, used_std, scale, xi, geometry;
     std::vector<Theta> prior_mean, theta;
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;

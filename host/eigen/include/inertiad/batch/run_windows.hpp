@@ -18,7 +18,7 @@ namespace inertiad::detail {
 
 constexpr double PRIOR_WINDOWS =
     3.0;  // the configured covariance counts for; fewer than on the platform: all data are there
-constexpr double LEAST_NOISE = 0.1;   // of the innovations' variance, however much of it wander explains: chosen
+constexpr double LEAST_NOISE = 0.1;   // of the innovations' variance, however much of it drift explains: chosen
 constexpr double NOISE_FLOOR = 1e-4;  // of the configured variance, as in firmware/core/noise.c
 
 using Square6 = Eigen::Matrix<double, 6, 6>;
@@ -55,7 +55,7 @@ inline RunWindows windows_under(const Config& config, const Config& corrected, c
     return {windows_of(corrected, corrected_rows(config, corrected, xi, *run.rows, run.derived)), {}};
 }
 
-/// V_run from the innovations' long-run sum, the part of their variance that wander explains [6], as a sum, and, counting
+/// V_run from the innovations' long-run sum, the part of their variance that drift explains [6], as a sum, and, counting
 /// for 3 windows, the configured covariance.
 inline Square6 run_covariance(const Config& config, const Square6& sum, std::size_t n_windows, const Column6& explained)
 {

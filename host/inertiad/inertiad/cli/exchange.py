@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands for the files of other tools."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from inertiad.base.channels import DEFAULT_PREFIX
+from inertiad.cli.options import RunFolder, progress_shown, say
+
+commands = typer.Typer()
+
+
+@commands.command("export", epilog="Example: inertiactl export run --to parquet -o run.parquet")
+def export_command(
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json.")
+    ],
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="FORMAT", help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json."),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")],
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where the run has none.")
+    ] = None,
+    prefix: Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix in an .lcmlog.")] = DEFAULT_PREFIX,
+) -> None:
+    """Write a run for other tools: signals, tracker, estimates, frames, events, health, all with units.
+
+    csv and parquet hold one of these each: FILE the first, FILE's stem.tracker.csv and so on the others. urdf, mjcf
+    and json hold the identified body in the platform frame. Layouts: python -m pydoc inertiad.exchange.file_formats
+    """
+    from inertiad.exchange import convert
+
+    remarks: list[str] = []
+    with progress_shown() as progress:
+        progress(f"write {output}")
+        written = convert.export(run, to, output, robot, prefix, remarks)
+    for line in (*remarks, *written):
+        say(line)
+
+
+@commands.command("import", epilog="Example: inertiactl import run.mf4 -o run")
+def import_command(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A file of export, or .csv .mat .mf4 .asc .blf .trc .log of others.")
+    ],
+    output: RunFolder,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description to put into the run.")
+    ] = None,
+) -> None:
+    """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them."""
+    from inertiad.exchange import convert
+
+    remarks: list[str] = []
+    with progress_shown() as progress:
+        progress(f"read {file}")
+        written = convert.import_file(file, output, robot, remarks)
+    for line in (*remarks, *written):
+        say(line)

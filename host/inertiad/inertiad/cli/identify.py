@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that identify: the body, the sensors' errors, the delays, and reports of them."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from inertiad.cli.options import RobotFile, command_line, progress_shown, say
+
+commands = typer.Typer()
+
+
+@commands.command(epilog="Example: inertiactl fit run1 run2 --method joint --json estimate.json --validate run3")
+def fit(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN|SIGNALS.csv...", help="Runs of one body.")],
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
+    ] = None,
+    method: Annotated[str, typer.Option(metavar="joint|wls|iv|paper", help="Method; see below.")] = "joint",
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write estimate.json.")] = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option("--validate", metavar="RUN", help="Run that is not fitted, to test the prediction on."),
+    ] = None,
+) -> None:
+    """Identify the body offline, from any number of runs together.
+
+    Exit status 0: good or usable with care, 1: not to be used (the file says why), 2: bad usage or input.
+
+    joint: body and sensor errors together, the optimum. wls: plain weighted least squares. iv: instrumental variables.
+    paper: the two-step method of the source paper.
+    """
+    from inertiad.base import finding
+    from inertiad.identify import fit as fitter
+    from inertiad.identify import identification
+
+    with progress_shown() as progress:
+        progress("read")
+        described, recordings = fitter.read(runs, robot, method)
+        done = identification.identify(method, described, recordings, validate or [], robot, progress)
+    if done.estimate is not None:
+        typer.echo(fitter.text(done.estimate, fitter.truth_of(runs)))
+        for line in fitter.remarks(done.estimate, recordings, done.validations):
+            say(line)
+    for line in finding.lines(done.findings):
+        say(line)
+    if json is not None:
+        data = fitter.document(described, done.estimate, recordings, done.validations, done.findings, done.segments)
+        fitter.write(json, data)
+    if finding.verdict(done.findings) == "stop":
+        raise typer.Exit(1)
+
+
+@commands.command(epilog="Example: inertiactl report run1 run2 -o report.html --figures figures")
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders, signals CSVs or LCM logs.")],
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN.")
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
+    ] = None,
+) -> None:
+    """Write a page on runs of one body: verdict, result, limiting errors, next step. Opens without a network."""
+    from inertiad.report import document
+
+    page = output or (runs[0] / "report.html" if len(runs) == 1 and runs[0].is_dir() else Path("report.html"))
+    with progress_shown() as progress:
+        summary = document.write(runs, robot, page, figures, command_line(), progress)
+    for line in summary:
+        say(line)
+    say(f"{page}: written")
+
+
+@commands.command(epilog="Example: inertiactl paper --seeds 30 -o paper.html")
+def paper(
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Experiments.")] = 30,
+    first: Annotated[int, typer.Option(metavar="N", min=0, help="First seed.")] = 1000,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help=r"Robot with a \[nominal] body; default: CoGiRo.")
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write.")] = Path("paper.html"),
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
+    ] = None,
+) -> None:
+    """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with the joint fit on the same data."""
+    from inertiad.check import paper_experiment
+    from inertiad.report import reproduction
+
+    with progress_shown() as progress:
+        found = paper_experiment.reproduce(robot or paper_experiment.ROBOT, first, seeds, None, progress)
+        progress("draw")
+        reproduction.write(found, output, figures, command_line())
+    typer.echo(reproduction.text(found))
+    say(f"{output}: written")
+
+
+@commands.command(epilog="Example: inertiactl calibrate robot.toml run1 run2 --payload run2=20.0 -o calibration.toml")
+def calibrate(
+    robot: RobotFile,
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN|SIGNALS.csv...", help="Runs with the same sensors.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Calibration to write, TOML.")],
+    payload: Annotated[
+        list[str] | None, typer.Option("--payload", metavar="RUN=KG", help="Known added mass in a run.")
+    ] = None,
+    tare: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
+    ] = None,
+) -> None:
+    r"""Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
+
+    In robot.toml: \[calibration] file = "calibration.toml". Exit status 0: written, 1: not to be used, so
+    not written, 2: bad usage or input.
+    """
+    from inertiad.base import finding
+    from inertiad.identify import calibrate as calibrator
+    from inertiad.identify import fit as fitter
+
+    with progress_shown() as progress:
+        progress("read and solve")
+        result, recordings = calibrator.main(robot, runs, payload or [], tare)
+    typer.echo(calibrator.text(result))
+    for mass, estimate in zip(result.payloads, result.estimates, strict=True):
+        say(f"payload {mass:g} kg: mass {estimate.body.value[0]:.3f} ± {estimate.body.std[0]:.3f} kg")
+    for line in fitter.remarks(result.estimates[0], recordings, []):
+        say(line)
+    for line in calibrator.correlations(result):
+        say(line)
+    for direction in result.directions:
+        say(f"not observable: {direction}")
+    for line in finding.lines(result.findings):
+        say(line)
+    if finding.verdict(result.findings) == "stop":
+        say(f"{output}: not written")
+        raise typer.Exit(1)
+    calibrator.write(output, result)
+    say(f"{output}: written")
+
+
+@commands.command(epilog="Example: inertiactl sync run")
+def sync(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN.")] = None,
+) -> None:
+    r"""Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
+
+    In robot.toml: \[calibration] sync = "sync.json", for compile, fit and all others.
+    """
+    from inertiad.identify import sync as synchroniser
+
+    with progress_shown() as progress:
+        found = synchroniser.sync(run, progress)
+    for line in synchroniser.text(found):
+        typer.echo(line)
+    synchroniser.write(json or run / "sync.json", found)
