@@ -134,7 +134,7 @@ test-unit: unit-programs micro
 
 ## Build the core for microcontrollers: 8 cables, short buffers, state under 64 KiB
 micro:
-	@$(MAKE) --no-print-directory B=build/micro OPT='-Os -DIPE_PROFILE_MICRO' WERROR=-Werror build/micro/lib/libinertiad_core.a
+	@$(MAKE) --no-print-directory B=build/micro OPT='-O2 -DIPE_PROFILE_MICRO' WERROR=-Werror build/micro/lib/libinertiad_core.a
 
 ## Test the laws the mathematics must keep
 test-laws: .venv/test.stamp build unit-programs

@@ -11,6 +11,7 @@
 #define LEAST_TOLD 0.01     // of the prior's variance: chosen so that the model's own errors do not pass for a state
 #define RIDGE 1e-9          // of the trace of the wrench matrix squared, which is singular with fewer than six cables
 #define LONGEST_FADE 5.0    // correlation times, after which 0.7 % of wander is left; chosen so that exp() stays normal
+#define SMALLEST_STD 1e-12  // rad, of a wander: chosen so that D > 0 in the factored filter
 #define SMALLEST_TIME 0.1   // s, of a wander: chosen under any attitude filter's
 #define SMALLEST_LIFT 1e-9  // of the resultant: rounding, not a direction
 
@@ -136,7 +137,7 @@ static void predict_wander(const ipe_filter_states_t* s, const ipe_average_t* av
     for (int i = 0; i < count; ++i) {
         const double time = fmax(average->error.attitude_time[i], SMALLEST_TIME);
         const double fade = s->t_ns == 0 ? 1.0 : exp(-fmin(fmax(elapsed / time, 0.0), LONGEST_FADE));
-        const double std = average->error.attitude_std[i], known = ipe_rls_std(rls, first + i);
+        const double std = fmax(average->error.attitude_std[i], SMALLEST_STD), known = ipe_rls_std(rls, first + i);
         const double start = s->t_ns == 0 ? fmax(std * std - known * known, 0.0) : 0.0;
         ipe_rls_fade(rls, first + i, fade);
         ipe_rls_loosen(rls, first + i, start + std * std * (1.0 - fade * fade));

@@ -203,7 +203,7 @@ static void apply(ipe_motion_stage_t* m, const double d[N])
 {
     double turned[3][3], R[3][3];
     mat3_exp(d + PHI, turned);
-    mat3_mul(turned, m->R, R);
+    mat3_mul((const double (*)[3])turned, (const double (*)[3])m->R, R);
     orthonormalise(R);
     memcpy(m->R, R, sizeof m->R);
     for (int i = 0; i < 3; ++i) {
@@ -277,10 +277,10 @@ static void read_noise(ipe_motion_stage_t* m)
 /// P <- Phi P Phi^T + Q,  S <- Phi S + G
 static void predict(ipe_motion_stage_t* m, double T)
 {
-    double (*Phi)[N] = m->epoch.Phi;
-    double G[N][3], M[N][N], S[MOVING][NP];
+    double Phi[N][N], G[N][3], M[N][N], S[MOVING][NP];
     double (*P)[N] = m->spread.P;
     transition(m, T, Phi, G);
+    if (m->epoch != NULL) { memcpy(m->epoch->Phi, Phi, sizeof Phi); }
     memcpy(M, P, sizeof M);
     for (int i = 0; i < MOVING; ++i) {
         memcpy(S[i], m->spread.S[i], sizeof S[i]);
@@ -402,12 +402,12 @@ static void set_error(ipe_motion_stage_t* m)
     }
 }
 
-/// The share of the attitude's error that measurements take away, per second.
-static void learn_decay(ipe_motion_stage_t* m, double T)
+/// The share of the attitude's error, of variance before [3], that measurements take away, per second.
+static void learn_decay(ipe_motion_stage_t* m, double T, const double before[3])
 {
     for (int i = 0; i < 3; ++i) {
-        const double before = m->epoch.predicted.P[PHI + i][PHI + i], after = m->spread.P[PHI + i][PHI + i];
-        m->decay[i] += fmin(T / DECAY_MEMORY, 1.0) * ((before - after) / (before * T) - m->decay[i]);
+        const double after = m->spread.P[PHI + i][PHI + i];
+        m->decay[i] += fmin(T / DECAY_MEMORY, 1.0) * ((before[i] - after) / (before[i] * T) - m->decay[i]);
     }
 }
 
@@ -417,12 +417,13 @@ static void end_epoch(ipe_motion_stage_t* m, const double q[4])
     double d[N] = {0.0};
     read_noise(m);
     predict(m, T);
-    m->epoch.predicted = m->spread;
+    const double before[3] = {m->spread.P[PHI][PHI], m->spread.P[PHI + 1][PHI + 1], m->spread.P[PHI + 2][PHI + 2]};
+    if (m->epoch != NULL) { m->epoch->predicted = m->spread; }
     if (m->n_positions > 0) { update_position(m, T, d); }
     update_yaw(m, q, T, d);
-    memcpy(m->epoch.correction, d, sizeof d);
+    if (m->epoch != NULL) { memcpy(m->epoch->correction, d, sizeof d); }
     apply(m, d);
-    learn_decay(m, T);
+    learn_decay(m, T, before);
     set_error(m);
     const double* P = &m->spread.P[0][0];
     m->gate2 = square(GATE) * (P[0] + P[N + 1] + P[2 * (N + 1)] + 3.0 * m->position_variance) + square(JUMP);

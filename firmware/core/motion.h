@@ -90,8 +90,8 @@ typedef struct {
     int n_positions;
     int n_refused_row;                                                  ///< positions refused one after another
     int64_t refused_ns;                                                 ///< the first of them
-    ipe_motion_epoch_t epoch;
-    ipe_attitude_error_t error;                                         ///< as of the last epoch
+    ipe_motion_epoch_t* epoch;          ///< where a smoother reads them; NULL: none does
+    ipe_attitude_error_t error;         ///< as of the last epoch
 
     bool is_epoch_new;                  ///< the last row ended an epoch: epoch and spread are new
     ipe_attitude_error_t sensor_error;  ///< of the sensors' own attitude
@@ -111,6 +111,7 @@ bool ipe_motion_is_fused(const ipe_config_t* config);
 /// The error that a settled attitude has at R (P to W): for motions that are only planned.
 void ipe_motion_nominal_error(const ipe_config_t* config, const double R[3][3], ipe_attitude_error_t* error);
 
+/// Start from a checked configuration; no epoch is kept. A smoother sets m->epoch afterwards.
 void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config);
 
 /// The tracked point at the last row, W, m, by the filter.

@@ -126,7 +126,7 @@ def recorded_case(run: Path, record: Path) -> Case:
 
 def test_frozen_estimate_stays_and_resumed_one_goes_on(moving, tmp_path):
     record = tmp_path / "run.lcmlog"
-    session(moving, ["1", "freeze", "1", "resume", "1"], "--record", record)
+    session(moving, ["4", "freeze", "1", "resume", "1"], "--record", record)  # 4 s: the attitude settles in 3
     log = list(lcmlog.read(record))
     at = [i for i, e in enumerate(log) if e.channel == "INERTIAD_COMMAND"]
     windows = [[], [], []]

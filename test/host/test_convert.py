@@ -31,9 +31,9 @@ SHEET_FORMATS = [name for name in file_formats.FORMATS if name != "candump"]
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
-    """2 s of standing still, as simulated, and as the daemon recorded it: run.lcmlog, estimate.json."""
+    """5 s of standing still, as simulated, and as the daemon recorded it: run.lcmlog, estimate.json."""
     folder = tmp_path_factory.mktemp("run")
-    devices.record("xsens_gsv4", folder, rate=50.0, hold=2.0)
+    devices.record("xsens_gsv4", folder, rate=50.0, hold=5.0)
     configuration.write(folder / "robot.cfg", description.load(folder / "robot.toml"), "robot.toml")
     command = [TOP / "build/bin/inertiad", "--config", folder / "robot.cfg", "--lcm", "none"]
     for bus in range(2):

@@ -59,7 +59,8 @@ def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config
         update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0}
     )  # no unknowns beside these
     noise = recording.robot.estimator.model_copy(update={"force_std": 8.0, "moment_std": 5.0})
-    still = recording.robot.model_copy(update={"std": std, "estimator": noise})
+    attitude = recording.robot.attitude.model_copy(update={"estimate": "ahrs"})  # whose bias is among these unknowns
+    still = recording.robot.model_copy(update={"std": std, "estimator": noise, "attitude": attitude})
     config = reader.config_of(still, "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)
     noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]

@@ -329,7 +329,8 @@ def test_ideal_sensors_on_an_elastic_robot_give_back_the_body(tmp_path):
     blind = description.load(tmp_path / "robot.toml").model_copy(update={"nominal": None})
     config = reader.config_of(blind, "run")
     found = inertiad_core.read_run(config, [str(tmp_path / "can.log")], [""], str(tmp_path / "tracker.csv")).estimate
-    assert found["mass"] == pytest.approx(BODY.mass, rel=2e-5)
+    # The simulated cables have weight but no inertia, which the estimator has to find out: 6e-5 of the mass.
+    assert found["mass"] == pytest.approx(BODY.mass, rel=1e-4)
     assert np.allclose(found["cog"], BODY.cog, atol=1e-4)
     assert np.allclose(found["inertia_cog"], BODY.inertia_cog, atol=0.1)
 

@@ -51,7 +51,8 @@ def test_report_reads_it(run, inertiactl):
 def test_verify_reads_the_configuration_from_it(run, inertiactl):
     done = inertiactl("verify", run)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "PASS  robot.toml: equals run.lcmlog" in done.stdout
+    # Its configuration has fewer fields than today's: it cannot be compared, and verify says so.
+    assert "run.lcmlog was written by another version" in done.stdout
 
 
 def test_export_reads_it(run, inertiactl):

@@ -212,10 +212,10 @@ static void test_sag_agrees_with_hanging_cable(void)
 
 static void test_sensor_at_the_winch_also_carries_the_weight_along_the_line(void)
 {
-    ipe_cable_t cable = {.anchor = {0.0, 0.0, 5.0}, .swivel_axis = {0.0, 0.0, 1.0}, .weight_per_length = 2.0};
+    cable = (ipe_cable_t){.anchor = {0.0, 0.0, 5.0}, .swivel_axis = {0.0, 0.0, 1.0}, .weight_per_length = 2.0};
     const double B[3] = {3.0, 0.0, 1.0};  // given: 5 m long, 4 m high
     double platform[3], winch[3];
-    ipe_cable_line_t line;
+
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_cable_line(&cable, B, &line));
     ipe_cable_sag(&cable, &line, platform);
     cable.force_at = IPE_FORCE_AT_WINCH;
@@ -227,8 +227,8 @@ static void test_sensor_at_the_winch_also_carries_the_weight_along_the_line(void
 
 static void test_friction_of_a_pulley_goes_with_its_wrap(void)
 {
-    ipe_cable_t cable = {.pulley_radius = 0.05, .force_at = IPE_FORCE_AT_WINCH};
-    const ipe_cable_line_t line = {.wrap = 0.75 * 3.14159265358979};
+    cable = (ipe_cable_t){.pulley_radius = 0.05, .force_at = IPE_FORCE_AT_WINCH};
+    line = (ipe_cable_line_t){.wrap = 0.75 * 3.14159265358979};
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.5, ipe_cable_friction_share(&cable, &line));
     cable.force_at = IPE_FORCE_AT_PLATFORM;
     TEST_ASSERT_EQUAL_DOUBLE(1.0, ipe_cable_friction_share(&cable, &line));

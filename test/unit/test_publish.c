@@ -198,7 +198,7 @@ static void test_publish_estimate_names_its_systematic_parameters(void)
     estimate.n_systematic = ipe_systematic_count(8);
     (void)push_row(0);
     handle_all();
-    TEST_ASSERT_EQUAL_STRING("force_gain_8", last_text);
+    TEST_ASSERT_EQUAL_STRING("friction_8", last_text);
 }
 
 static void test_publish_order_gives_each_item_its_place_among_the_frames(void)

@@ -207,12 +207,6 @@ static void test_columns_equal_residuals_of_a_corrected_calibration(void)
     }
 }
 
-static const char* const NAME[] = {
-    "attitude_bias",  "world_yaw",    "acc_bias",       "imu_alignment", "position_delay", "force_delay",
-    "attitude_delay", "imu_position", "tracker_target", "acc_scale",     "gyro_scale",     "gyro_bias",
-    "cable_inertia",  "force_offset", "force_gain",     "friction",
-};
-
 static void test_std_are_the_configured_ones_in_order(void)
 {
     double std[IPE_XI_MAX];  // given
@@ -285,11 +279,14 @@ static void test_columns_impossible_pose_is_refused(void)
 
 static void test_systematic_name_of_each_parameter(void)
 {
-    static const char* const EXPECTED[] = {"attitude_bias_x", "attitude_bias_y", "attitude_bias_z", "world_yaw",
-                                           "acc_bias_x",      "acc_bias_y",      "acc_bias_z",      "imu_alignment_x",
-                                           "imu_alignment_y", "imu_alignment_z", "position_delay",  "force_offset_1",
-                                           "force_offset_2",  "force_gain_1",    "force_gain_2",    "gyro_bias_x",
-                                           "gyro_bias_y",     "gyro_bias_z",     "force_delay"};
+    static const char* const EXPECTED[] = {
+        "attitude_bias_x", "attitude_bias_y",  "attitude_bias_z",  "world_yaw",        "acc_bias_x",
+        "acc_bias_y",      "acc_bias_z",       "imu_alignment_x",  "imu_alignment_y",  "imu_alignment_z",
+        "position_delay",  "force_delay",      "attitude_delay",   "imu_position_x",   "imu_position_y",
+        "imu_position_z",  "tracker_target_x", "tracker_target_y", "tracker_target_z", "acc_scale",
+        "gyro_scale",      "gyro_bias_x",      "gyro_bias_y",      "gyro_bias_z",      "cable_inertia",
+        "force_offset_1",  "force_offset_2",   "force_gain_1",     "force_gain_2",     "friction_1",
+        "friction_2"};
     char name[IPE_SYSTEMATIC_NAME_MAX];
     TEST_ASSERT_EQUAL(sizeof EXPECTED / sizeof EXPECTED[0], ipe_systematic_count(2));
     for (int i = 0; i < ipe_systematic_count(2); ++i) {

@@ -51,12 +51,12 @@ inline MotionNode node_of(const ipe_motion_stage_t& m, std::size_t row, bool is_
     const auto by = [](const auto& a) { return MotionBy(Eigen::Map<const MotionBy>(&a[0][0])); };
     return {row,
             is_start,
-            square(m.epoch.Phi),
+            square(m.epoch->Phi),
             square(m.spread.P),
-            square(m.epoch.predicted.P),
+            square(m.epoch->predicted.P),
             by(m.spread.S),
-            by(m.epoch.predicted.S),
-            MotionVector(Eigen::Map<const MotionVector>(m.epoch.correction)),
+            by(m.epoch->predicted.S),
+            MotionVector(Eigen::Map<const MotionVector>(m.epoch->correction)),
             Eigen::Vector3d(m.beta),
             Eigen::Vector3d(m.kappa),
             MotionVector::Zero()};
@@ -122,7 +122,9 @@ inline std::vector<RowMotion> smoothed_motion(const Config& config, const std::v
     const auto stage = std::make_unique<ipe_motion_stage_t>();
     std::vector<RowMotion> found(rows.size());
     std::vector<detail::MotionNode> node;
+    const auto epoch = std::make_unique<ipe_motion_epoch_t>();
     ipe_motion_init(stage.get(), &c);
+    stage->epoch = epoch.get();
     for (std::size_t k = 0; k < rows.size(); ++k) {
         const uint64_t starts = stage->n_starts;
         const ipe_status_t status = ipe_motion_push(stage.get(), &rows[k], &found[k].motion);

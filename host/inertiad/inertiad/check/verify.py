@@ -2,10 +2,10 @@
 """Verification of the daemon on a run. One line per check: PASS, FAIL, or OPEN where it could not be made.
 
 The frames in RAW are compared with the log, the positions in ORDER with those sent, the counters with each other, the
-rows with a decoder of our own (from the DBC, in numpy). Rows and estimates are compared bit for bit with a recomputation
-by the same core from RAW and ORDER, in the order in which the daemon used them. The last estimate is compared with the
-joint batch solver on the published rows, and with the truth of a simulated run. robot.toml and its DBC files are compared
-with the configuration of the run, where the run has it: in the daemon's own record run.lcmlog, or as robot.cfg.
+rows with a decoder of our own (from the DBC, in numpy). Rows and estimates are compared bit for bit with a
+recomputation by the same core from RAW and ORDER, in the order in which the daemon used them. The last estimate is
+compared with the joint batch solver on the published rows, and with the truth of a simulated run. robot.toml and its
+DBC files are compared with the configuration of the run, if it is in the daemon's record run.lcmlog or in robot.cfg.
 """
 
 import json
