@@ -50,6 +50,9 @@ def _medians(n: int, level: str, rate: float, motion: str, method: str) -> np.nd
 def t2() -> Verdict:
     """Straight from the simulated sensors: a CAN log has 16 bits."""
     robot = description.load(COGIRO)
+    given = robot.attitude.model_copy(update={"estimate": "ahrs"})  # ideal here; one that is estimated has an error
+    light = [cable.model_copy(update={"weight_per_length": 0.0}) for cable in robot.cable]  # simulated without inertia
+    robot = robot.model_copy(update={"attitude": given, "cable": light})
     level, dice = sensor_models.PRESETS["ideal"], Dice(FIRST)
     drawn = sensor_models.draw(level, robot.n_cables, dice)
     config = reader.config_of(robot, str(COGIRO))

@@ -36,6 +36,7 @@ constexpr int64_t SECOND = 1000000000;
 constexpr double DAY = 86400.0;
 constexpr uint64_t CHECK_INTERVAL = 100000;  // windows between two looks at the whole covariance
 constexpr uint64_t RUN_WINDOWS = 100;  // of one bad run: most estimates are young ones, where bodies are impossible
+constexpr std::size_t RUN_ROWS = 3000;  // at most: under the loudest noise the attitude never settles
 constexpr double WORST_NOISE = 300.0;
 constexpr unsigned BAD_INTERVAL = 8;   // rows from one bad input to the next
 
@@ -302,7 +303,7 @@ void bad(Feed& feed, const Config& config, uint64_t n_estimates, uint64_t seed)
         feed.start();
         const double louder = std::pow(WORST_NOISE, share(dice));
         const auto first = static_cast<std::size_t>(share(dice) * static_cast<double>(feed.n()));
-        for (std::size_t i = first; feed.state.window.n_windows < RUN_WINDOWS; ++i) {
+        for (std::size_t i = first; feed.state.window.n_windows < RUN_WINDOWS && i < first + RUN_ROWS; ++i) {
             if (feed.push(i, louder)) {
                 ++n;
                 n_projected += !feed.state.estimator.estimate.consistent;

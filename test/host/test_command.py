@@ -106,7 +106,7 @@ def test_every_command_is_answered_recorded_and_counted(moving, tmp_path):
 
 def test_record_repeats_every_estimate_whatever_was_commanded(resting, tmp_path):
     record = tmp_path / "run.lcmlog"
-    session(resting, ["1", "freeze", "0.5", "resume", "1.5", "tare", "0.5", "reset", "1"], "--record", record)
+    session(resting, ["4", "freeze", "0.5", "resume", "1.5", "tare", "0.5", "reset", "1"], "--record", record)
     case = recorded_case(resting, record)
     kinds = [item.kind for message in case.published.messages["ORDER"] for item in message.item if item.kind]
     assert kinds == [command_t.FREEZE, command_t.RESUME, command_t.TARE, command_t.RESET]

@@ -99,7 +99,7 @@ def test_verify_passes_a_gap_that_is_carried_and_tells_it(tmp_path):
     checks = {c.name: c for c in verify.verify(verify.Options(run), lambda _: None)}
     assert [c for c in checks.values() if c.passed is False] == []
     assert "motion.carried 4" in checks["rows"].detail
-    assert checks["tracker positions"].detail.endswith("taken; silent 1 times")
+    assert checks["tracker positions"].detail.endswith("used; silent 1 times")
 
 
 def test_verify_fails_the_same_gap_when_nothing_may_be_carried(tmp_path):

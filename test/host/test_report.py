@@ -183,7 +183,7 @@ def shortened(seconds: float) -> object:
         (empty, "can.log is empty", 0),
         (shortened(0.005), "no sample is whole", 0),
         (shortened(0.3), "no whole window", 2),
-        (shortened(1.2), "1.0 s are short", 13),
+        (shortened(1.2), "1.0 s are short", 12),
     ],
 )
 def test_run_that_tells_little_gets_words_and_no_empty_figure(good, tmp_path, damage, words, n_figures) -> None:

@@ -147,6 +147,13 @@ struct Windows {
         return out.release();
     }
 
+    nb::ndarray<nb::numpy, double> R() const
+    {
+        Out<3> out({window.size(), 3, 3});
+        for (std::size_t k = 0; k < window.size(); ++k) { std::copy_n(&window[k].R[0][0], 9, out.data + 9 * k); }
+        return out.release();
+    }
+
     nb::ndarray<nb::numpy, double> X(const inertiad::Theta& theta) const
     {
         const auto n_xi = static_cast<std::size_t>(ipe_systematic_count(config.n_cables()));
@@ -582,6 +589,7 @@ NB_MODULE(inertiad_core, m)
         .def_prop_ro("t", &Windows::t, nb::rv_policy::move, "[M] s since the first")
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
+        .def_prop_ro("R", &Windows::R, nb::rv_policy::move, "[M,3,3] P to W in the windows' middles")
         .def("X", &Windows::X, "theta"_a, "[M,6,24+3m]");
     m.def(
         "systematic_std",
@@ -593,9 +601,10 @@ NB_MODULE(inertiad_core, m)
             return out.release();
         },
         "config"_a, "One sigma [25+3m] of each systematic parameter. systematic.h");
-    m.def("systematic_table", systematic_table, "n_cables"_a,
-          "(name, SI unit, first index, count, whether per cable) of each kind of systematic parameter, in the order of "
-          "xi. systematic.h");
+    m.def(
+        "systematic_table", systematic_table, "n_cables"_a,
+        "(name, SI unit, first index, count, whether per cable) of each kind of systematic parameter, in the order of "
+        "xi. systematic.h");
     m.def("linear_parameters", &inertiad::linear_parameters, "n_cables"_a,
           "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
     bind_batch(m);

@@ -185,6 +185,10 @@ class Windows:
     def y(self) -> NDArray[numpy.float64]:
         """[M,6]"""
 
+    @property
+    def R(self) -> NDArray[numpy.float64]:
+        """[M,3,3] P to W in the windows' middles"""
+
     def X(self, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]) -> NDArray[numpy.float64]:
         """[M,6,24+3m]"""
 

@@ -33,16 +33,16 @@ _SPELLINGS = {"²": "2", "^": "", "**": "", "°": "deg", "º": "deg", "µ": "u",
 
 
 _OF_NAME: Final = (
-    (r"t|imu_time|force_time|pos_time|(position|force)_delay", "s"),
+    (r"t|imu_time|force_time|pos_time|(position|force|attitude)_delay", "s"),
     (r"t(_device)?_ns", "ns"),
     (r"acc_(bias_)?[xyz]", "m/s2"),
-    (r"gyro_[xyz]", "rad/s"),
+    (r"gyro_(bias_)?[xyz]", "rad/s"),
     (r"roll|pitch|yaw|world_yaw|(attitude|attitude_bias|imu_alignment)_[xyz]", "rad"),
-    (r"[xyz]|(pos|cog)_[xyz]", "m"),
+    (r"[xyz]|(pos|cog|imu_position|tracker_target)_[xyz]", "m"),
     (r"f_\d+|force_offset_\d+", "N"),
     (r"mass", "kg"),
     (r"inertia_cog_[xyz]{2}", "kg m2"),
-    (r"q_[wxyz]|force_gain_\d+|consistent|valid|distance|nis|n_\w+", "1"),
+    (r"q_[wxyz]|(force_gain|friction)_\d+|(acc|gyro)_scale|cable_inertia|consistent|valid|distance|nis|n_\w+", "1"),
     (r"length", "byte"),
 )
 

@@ -179,9 +179,11 @@ def _published_rows(case: Case) -> Any:
     """inertiad_core.Rows of all SIGNALS messages."""
     rows = [row for message in case.published.messages["SIGNALS"] for row in message.row]
     width = {"acc": 3, "gyro": 3, "q": 4, "position": 3, "f": case.robot.n_cables}
-    columns = (np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items())
-    acc, gyro, q, position, f = columns
-    return inertiad_core.Rows(np.array([row.t_ns for row in rows], dtype=np.int64), acc, gyro, q, position, f)
+    t_ns = np.array([row.t_ns for row in rows], dtype=np.int64)
+    acc, gyro, q, position, f = (
+        np.array([getattr(row, name) for row in rows]).reshape(-1, n) for name, n in width.items()
+    )
+    return inertiad_core.Rows(t_ns, acc, gyro, q, position, f)
 
 
 def batch(case: Case) -> Any:

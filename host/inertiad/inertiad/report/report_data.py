@@ -335,7 +335,7 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
         _uncertainty(robot, result),
         force_check,
         [_motion(config, recording) for recording in recordings],
-        np.asarray(inertiad_core.systematic_std(config)),
+        np.maximum(np.array(inertiad_core.systematic_std(config)), 1e-12),
         fit.truth_of(paths),
         _simulated(paths),
         done.findings,
