@@ -448,7 +448,18 @@ struct Problem {
         const Triangle& triangle = is_weight_renewed ? p.renewed : p.weighted;
         const Eigen::MatrixXd unit = triangle.covariance();
         P = scale.asDiagonal() * unit * scale.asDiagonal();
-        n_observed = static_cast<double>(n) - unit.trace();
+        n_observed = static_cast<double>(n) - unit.diagonal().cwiseQuotient(prior_variance()).sum();
+    }
+
+    /// Prior variances of the unknowns in the present step, of the scale's squares: widened ones are above 1.
+    Eigen::VectorXd prior_variance() const
+    {
+        Eigen::VectorXd found = Eigen::VectorXd::Ones(n);
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            const double ratio = used_std[free[i]] / std_xi[free[i]];
+            found[IPE_NP * n_groups + static_cast<Eigen::Index>(i)] = ratio * ratio;
+        }
+        return found;
     }
 
     /// Where the unknowns are.
