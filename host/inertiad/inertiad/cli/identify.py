@@ -32,8 +32,8 @@ def fit(
     paper: the two-step method of the source paper.
     """
     from inertiad.base import finding
+    from inertiad.identify import estimate_document, identification
     from inertiad.identify import fit as fitter
-    from inertiad.identify import identification
 
     with progress_shown() as progress:
         progress("read")
@@ -46,8 +46,12 @@ def fit(
     for line in finding.lines(done.findings):
         say(line)
     if json is not None:
-        data = fitter.document(described, done.estimate, recordings, done.validations, done.findings, done.segments)
-        fitter.write(json, data)
+        estimate_document.write(
+            json,
+            estimate_document.document(
+                described, done.estimate, recordings, done.validations, done.findings, done.segments
+            ),
+        )
     if finding.verdict(done.findings) == "stop":
         raise typer.Exit(1)
 

@@ -7,7 +7,6 @@ iv      theta alone, the regressor of a window later as instrument: differs from
 paper   the two-step method of the source paper, medians over runs
 """
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +16,6 @@ import numpy as np
 import inertiad_core
 from inertiad.base.body import NAMES, UNITS, Body, read_truth
 from inertiad.base.error import InputError
-from inertiad.base.finding import Finding, ordered, verdict
 from inertiad.base.table import Array
 from inertiad.identify import block_statistics, physical_consistency
 from inertiad.identify import two_step as paper
@@ -65,11 +63,8 @@ def _body(d: dict[str, Any]) -> Body:
     return Body(tuple(value), (d["mass_std"], *d["cog_std"], *d["inertia_cog_std"]))
 
 
-def batch(config: Any, recordings: list[Recording], **options: Any) -> dict[str, Any]:
-    """The batch solver on runs of one body, or with options group and payload of several; sigma as it is published.
-
-    InputError: nothing to solve. NoBodyError: a solution that no body is near.
-    """
+def _solve(config: Any, recordings: list[Recording], **options: Any) -> dict[str, Any]:
+    """The batch solver's result, sigma as the weights give it. Errors as of batch()."""
     options = {"group": [0] * len(recordings), "payload": [0.0], **options}
     try:
         result: dict[str, Any] = inertiad_core.batch(config, [run.rows for run in recordings], **options)
@@ -77,7 +72,27 @@ def batch(config: Any, recordings: list[Recording], **options: Any) -> dict[str,
         raise InputError(f"{recordings[0].path}: {error}") from None
     except RuntimeError as error:
         raise NoBodyError(f"{recordings[0].path}: {error}") from None
-    return block_statistics.widened(recordings[0].robot, result)
+    return result
+
+
+def batch(config: Any, recordings: list[Recording], **options: Any) -> dict[str, Any]:
+    """The batch solver on runs of one body, or with options group and payload of several; sigma as it is published.
+
+    InputError: nothing to solve. NoBodyError: a solution that no body is near.
+    """
+    return block_statistics.widened(recordings[0].robot, _solve(config, recordings, **options))
+
+
+def _plain(config: Any, recordings: list[Recording]) -> dict[str, Any]:
+    """The batch solver's result for theta alone, without prior.
+
+    Its residuals contain the sensors' constant errors and stay correlated for long. The stated errors cover these, so
+    sigma is widened by the spread between blocks only where there are enough blocks to show it.
+    """
+    robot, n_xi = recordings[0].robot, len(inertiad_core.systematic_std(config))
+    result = _solve(config, recordings, is_free=[False] * n_xi, theta_prior=WEAK_PRIOR)
+    wide = block_statistics.widened(robot, result)
+    return wide if wide["spread"].n_blocks >= block_statistics.BLOCKS_MIN else result
 
 
 def _rms(result: dict[str, Any]) -> tuple[int, Array]:
@@ -137,8 +152,7 @@ def _with_sensor_errors(config: Any, recordings: list[Recording], theta: Array, 
 
 def wls(config: Any, recordings: list[Recording]) -> Estimate:
     """Weighted least squares of theta alone; sigma with the sensors' errors in [std], none of which is fitted."""
-    robot, n_xi = recordings[0].robot, len(inertiad_core.systematic_std(config))
-    result = batch(config, recordings, is_free=[False] * n_xi, theta_prior=WEAK_PRIOR)
+    robot, result = recordings[0].robot, _plain(config, recordings)
     weights = [1.0 / f["noise_std"] for f in result["fit"]]
     T = _from_imu(robot)
     weak = np.linalg.inv(WEAK_PRIOR**2 * prior(robot)[1])
@@ -166,9 +180,7 @@ def _from_imu(robot: Robot) -> Array:
 
 def _weights(config: Any, recordings: list[Recording]) -> list[Array]:
     """Inverse standard deviations [6] of each run's windows, as wls takes them."""
-    n_xi = len(inertiad_core.systematic_std(config))
-    result = batch(config, recordings, is_free=[False] * n_xi, theta_prior=WEAK_PRIOR)
-    return [1.0 / f["noise_std"] for f in result["fit"]]
+    return [1.0 / f["noise_std"] for f in _plain(config, recordings)["fit"]]
 
 
 def _published(method: str, robot: Robot, theta: Array, P: Array, **other: Any) -> Estimate:
@@ -275,55 +287,6 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
 
 
-def _quantity(value: Any, std: Any) -> dict[str, Any]:
-    """A method without a sigma has null."""
-    has_std = bool(np.all(np.isfinite(std)))
-    return {"value": value, "std": std if has_std else None if np.ndim(std) == 0 else [None] * len(std)}
-
-
-def _configured(robot: Robot, name: str) -> Any:
-    """The value that robot_config_t has for a kind of systematic parameter; None where xi is a correction to others."""
-    place = {"imu_position": robot.imu.position, "tracker_target": robot.tracker.target}
-    delays = ("position_delay", "force_delay", "attitude_delay")
-    return place.get(name) if name in place or name in delays else getattr(robot.calibration, name, None)
-
-
-def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
-    """Sensor errors as robot_config_t has them: configured plus estimated; alignment and delays are corrections."""
-    if estimate.xi is None or estimate.xi_std is None:
-        return {}
-    result = {}
-    for group in systematic.groups(robot.n_cables):
-        configured = _configured(robot, group.name)
-        if not np.any(estimate.xi_std[group.part]):
-            continue
-        value = estimate.xi[group.part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
-        std = estimate.xi_std[group.part]
-        if group.n == 1:
-            result[group.name] = _quantity(float(value[0]), float(std[0]))
-        else:
-            result[group.name] = _quantity(value.tolist(), std.tolist())
-    return result
-
-
-def _validation_json(validation: Validation) -> dict[str, Any]:
-    return {
-        "run": str(validation.path),
-        "wrench_rms": validation.rms.tolist(),
-        "wrench_std": validation.signal.tolist(),
-        "tension_rms": validation.tension_rms.tolist(),
-    }
-
-
-def _body_json(estimate: Estimate) -> dict[str, Any]:
-    value, std = estimate.body.value, estimate.body.std
-    return {
-        "mass": _quantity(value[0], std[0]),
-        "cog": _quantity(list(value[1:4]), list(std[1:4])),
-        "inertia_cog": _quantity(list(value[4:]), list(std[4:])),
-    }
-
-
 @dataclass(frozen=True)
 class Segment:
     """A stretch of a run with a body of its own."""
@@ -333,72 +296,6 @@ class Segment:
     end: float
     """s since the run's first row"""
     estimate: Estimate
-
-
-def _segment_json(segment: Segment) -> dict[str, Any]:
-    return {
-        "run": str(segment.path),
-        "begin": segment.begin,
-        "end": segment.end,
-        **_body_json(segment.estimate),
-        "observable": _observable_json(segment.estimate),
-    }
-
-
-def _observable_json(estimate: Estimate) -> dict[str, Any]:
-    seen = list(estimate.observable)
-    return {"mass": seen[0], "cog": seen[1:4], "inertia_cog": seen[4:]}
-
-
-def document(
-    robot: Robot,
-    estimate: Estimate | None,
-    recordings: list[Recording],
-    held_out: list[Validation],
-    findings: list[Finding],
-    segments: list[Segment],
-) -> dict[str, Any]:
-    """Contents of estimate.json. estimate None: no body is near what the data say, and the file has none."""
-    counters: dict[str, int] = {}
-    for run in recordings:
-        for name, count in run.counters.items():
-            counters[name] = counters.get(name, 0) + count
-    judged = {
-        "converged": estimate is not None and estimate.is_converged,
-        "verdict": verdict(findings),
-        "findings": [finding.document() for finding in ordered(findings)],
-    }
-    found: dict[str, Any] = {}
-    if estimate is not None:
-        found = {
-            "method": estimate.method,
-            **_body_json(estimate),
-            **_sensors(robot, estimate),
-            "consistent": estimate.consistent,
-            "distance": estimate.distance,
-            "observable": _observable_json(estimate),
-            "residual_rms": estimate.rms.tolist(),
-            "notes": [*estimate.notes, *(note for run in recordings for note in run.notes)],
-        }
-    return {
-        **found,
-        **judged,
-        "segments": [_segment_json(segment) for segment in segments],
-        "validation": [_validation_json(v) for v in held_out],
-        "samples": {
-            "frames": sum(run.n_frames for run in recordings),
-            "used": sum(len(run.rows) for run in recordings),
-            "rejected": sum(run.n_rejected for run in recordings),
-            "windows": 0 if estimate is None else estimate.n_windows,
-        },
-        "duration_s": sum(run.duration for run in recordings),
-        "counters": counters,
-    }
-
-
-def write(path: Path, data: dict[str, Any]) -> None:
-    """Write estimate.json."""
-    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
 
 def text(estimate: Estimate, truth: Body | None) -> str:
