@@ -15,7 +15,7 @@ import numpy as np
 
 from inertiad.base.body import NAMES, UNITS
 from inertiad.base.error import InputError
-from inertiad.base.finding import Finding, ordered
+from inertiad.base.finding import Finding, ordered, verdict
 from inertiad.identify import block_statistics, diagnose, findings, fit
 from inertiad.identify.block_statistics import Change
 from inertiad.identify.fit import Estimate, NoBodyError, Segment, Validation
@@ -246,7 +246,10 @@ def identify(
     robot_file: Path | None,
     progress: Progress = _silent,
 ) -> Identification:
-    """Judge runs by one of fit.METHODS and predict the held out ones. InputError: nothing to solve."""
+    """Judge runs by one of fit.METHODS and predict the held out ones.
+
+    Where there is nothing to solve, the result is the mistake that stops it; InputError: none was found.
+    """
     config = reader.config_of(robot, str(recordings[0].path))
     progress("look for mistakes")
     mistakes = diagnose.diagnose(robot, recordings)
@@ -260,6 +263,8 @@ def identify(
     except NoBodyError as error:
         return Identification(None, ordered([*mistakes, _no_body(error)]), [], [])
     except InputError as error:
+        if verdict(mistakes) == "stop":
+            return Identification(None, ordered(mistakes), [], [])
         raise InputError("; ".join([str(error), *(mistake.says for mistake in mistakes)])) from None
     if done.estimate is None:
         return done
