@@ -32,7 +32,7 @@ def _with(run: Recording, **changed: np.ndarray) -> Recording:
 
 
 def _findings(run: Recording) -> str:
-    return "\n".join(diagnose.diagnose(run.robot, [run]))
+    return "\n".join(finding.says for finding in diagnose.diagnose(run.robot, [run]))
 
 
 def test_good_data_have_no_finding(good: Recording) -> None:

@@ -43,7 +43,7 @@ def config(recording: Recording) -> object:
 def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config: object) -> None:
     import statsmodels.api as sm
 
-    options = {"group": [0], "payload": [0.0], "is_free": [False] * N_XI, "theta_prior": 1e6, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": [False] * N_XI, "theta_prior": 1e6, "is_weight_learnt": False}
     ours = inertiad_core.batch(config, [recording.rows], **options)
     windows = inertiad_core.Windows(config, recording.rows)
     weight = np.tile(1.0 / ours["fit"][0]["noise_std"] ** 2, len(windows.y))
@@ -54,7 +54,7 @@ def test_wls_equals_statsmodels_on_the_same_windows(recording: Recording, config
 
 def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config: object) -> None:
     free = [True] * 11 + [False] * (N_XI - 11)
-    options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": free, "is_weight_learnt": False}
     std = recording.robot.std.model_copy(
         update={"geometry": 0.0, "attitude_wander": 0.0, "force_offset_drift": 0.0}
     )  # no unknowns beside these
@@ -64,17 +64,19 @@ def test_joint_ends_in_the_minimum_that_scipy_finds(recording: Recording, config
     config = reader.config_of(still, "test")
     ours = inertiad_core.batch(config, [recording.rows], **options)
     noise, prior_std = ours["fit"][0]["noise_std"], ours["prior_std"]
-    mean = np.r_[_prior_theta(still), np.zeros(11)]
+    told = ours["free"]  # one whose sigma is 0 is not free
+    mean = np.r_[_prior_theta(still), np.zeros(len(told))]
 
     def cost(z: np.ndarray) -> np.ndarray:
-        xi = np.r_[z[10:], np.zeros(N_XI - 11)]
+        xi = np.zeros(N_XI)
+        xi[told] = z[10:]
         rows = inertiad_core.undelayed(recording.rows, xi[10], 0.0)
         windows = inertiad_core.Windows(inertiad_core.calibrated(config, xi), rows)
         n = 222  # windows, whatever the delay drops at the end
         e = (windows.y - windows.Y @ z[:10])[:n] / noise
         return np.r_[e.ravel(), (z - mean) / prior_std]
 
-    found = np.r_[ours["body"][0]["theta"], ours["xi"][:11]]
+    found = np.r_[ours["body"][0]["theta"], ours["xi"][told]]
     theirs = least_squares(cost, found + 0.3 * prior_std, x_scale=prior_std, diff_step=1e-6).x
     std = np.sqrt(np.diag(ours["covariance"]))
     assert np.abs((found - theirs) / std).max() < 0.1
@@ -331,7 +333,7 @@ def test_nothing_that_lines_up_is_an_input_error(tmp_path: Path) -> None:
 def test_joint_weighs_wander_as_the_whole_covariance_does(recording: Recording, config: object) -> None:
     """Against generalised least squares with the dense covariance of wander and noise over all windows."""
     free = [True] * 3 + [False] * (N_XI - 3)
-    options = {"group": [0], "payload": [0.0], "is_free": free, "n_weight_steps": 0}
+    options = {"group": [0], "payload": [0.0], "is_free": free, "is_weight_learnt": False}
     std = recording.robot.std.model_copy(update={"geometry": 0.0, "force_offset_drift": 0.0})
     attitude = recording.robot.attitude.model_copy(update={"estimate": "ahrs"})  # whose wander has one time
     config = reader.config_of(recording.robot.model_copy(update={"std": std, "attitude": attitude}), "test")

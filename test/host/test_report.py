@@ -80,7 +80,7 @@ def gathered(*paths: Path) -> Facts:
 
 
 def levels(found: verdict.Verdict) -> dict[str, str]:
-    return {finding.text: finding.level for finding in found.findings}
+    return {finding.says: finding.severity for finding in found.findings}
 
 
 # ---- words -----------------------------------------------------------------------------------------------------------
@@ -88,9 +88,9 @@ def levels(found: verdict.Verdict) -> dict[str, str]:
 
 def test_good_run_is_called_good_and_says_what_limits_it(good: Path) -> None:
     found = verdict.judge(gathered(good))
-    assert found.level == "good", found
-    accuracy = next(f for f in found.findings if f.text.startswith("mass to"))
-    assert "% of the variance is" in accuracy.action or "limited by noise" in accuracy.action
+    assert found.severity == "good", found
+    accuracy = next(f for f in found.findings if f.says.startswith("mass to"))
+    assert "% of the variance is" in accuracy.do or "limited by noise" in accuracy.do
 
 
 @pytest.mark.parametrize("fault", ["jump", "stuck", "drift", "noise"])
@@ -99,7 +99,7 @@ def test_broken_force_sensor_is_named_and_the_others_give_the_body(good: Path, t
     check = facts.force_check
     assert check is not None and check.broken == BROKEN and check.worst == BROKEN
     found = verdict.judge(facts)
-    assert found.level == "bad" and found.headline == "Do not use this result yet"
+    assert found.severity == "stop" and found.headline == "Do not use this result yet"
     assert any(f"force sensor of cable {BROKEN + 1} does not fit" in text for text in levels(found))
     assert check.body is not None
     error = np.abs(np.array(check.body.value[:4]) - [161.058, -0.001, -0.077, -0.118])
@@ -121,7 +121,7 @@ def test_healthy_sensors_are_not_accused(good: Path, again: Path) -> None:
 
 def test_each_run_is_predicted_from_the_others_alone(good: Path, again: Path) -> None:
     facts = gathered(good, again)
-    assert not facts.other_bodies
+    assert not any(finding.evidence.get("kind") == "body" for finding in facts.found)
     config = reader.config_of(facts.robot, "test")
     others = fit.joint(config, [reader.read(again)])
     alone = fit.validate(config, others, reader.read(good))
@@ -132,9 +132,9 @@ def test_each_run_is_predicted_from_the_others_alone(good: Path, again: Path) ->
 def test_runs_of_different_bodies_are_told_apart(good: Path, tmp_path: Path) -> None:
     heavier = simulated(tmp_path / "heavier", "--rate", 50, "--seed", 4, "--mass", 181.058)
     found = verdict.judge(gathered(good, heavier))
-    assert found.level == "bad"
+    assert found.severity == "stop"
     assert any(
-        re.search(r"heavier and .*good saw different bodies: mass differs by \+(19|20)", t) for t in levels(found)
+        re.search(r"saw a different body than the other runs: mass differs by [+-](19|20)", t) for t in levels(found)
     )
 
 

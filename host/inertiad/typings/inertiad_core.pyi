@@ -281,9 +281,9 @@ def corrected_rows(config: Config, rows: Rows, xi: Annotated[NDArray[numpy.float
 def calibrated(config: Config, xi: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')]) -> Config:
     """The configuration with corrections xi [24+3m]."""
 
-def batch(config: Config, runs: Sequence[Rows], group: Sequence[int], payload: Sequence[float], is_payload_known: bool = False, payload_std: float = 0.01, is_free: Sequence[bool] = [], theta_prior: float = 1.0, n_weight_steps: int = 4) -> dict:
+def batch(config: Config, runs: Sequence[Rows], group: Sequence[int], payload: Sequence[float], is_payload_known: bool = False, payload_std: float = 0.01, is_free: Sequence[bool] = [], theta_prior: float = 1.0, is_weight_learnt: bool = True) -> dict:
     """
-    Gauss-Newton over theta of each group and the free systematic parameters. ValueError: no solution. batch.hpp
+    Damped Gauss-Newton over theta of each group and the free systematic parameters. ValueError: no solution. batch.hpp
     """
 
 def forward(truth: Config, believed: Config, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], theta_believed: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], payload: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], v: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], a: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], omega: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alpha: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], lengths: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], tilt: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], step: float, steps_per_control: int, EA: float, damping_time: float, winch_rate: float, control_rate: float, swing_damping: float, swings: bool, holds_length: bool) -> dict:

@@ -2,12 +2,18 @@
 /// Batch identification: theta of one or more bodies and, if wanted, the systematic parameters xi of the sensors they share.
 ///
 ///   y(xi) - Y(xi) theta_g = e,   e ~ N(0, V_run);   theta_g ~ N(theta_0, P_0),  xi ~ N(0, diag(std^2))
-/// Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is exact, and
-/// takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that leave no
-/// residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and the body
-/// with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). Steps are solved by QR of
-/// the whitened, prior-scaled rows. What of the motion was derived instead of measured is smoothed for Y, X (derived.hpp). V_run, the residuals' long-run covariance (Newey, West 1987; noise.h has the idea), is
-/// renewed during the first steps.
+/// Damped Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is
+/// exact, and takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that
+/// leave no residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and
+/// the body with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). What of the motion
+/// was derived instead of measured is smoothed for Y and X (derived.hpp).
+/// Steps are solved by QR of the whitened, prior-scaled rows (least_squares.hpp). The first one moves theta alone. A step is
+/// taken if the cost falls, or if the next step, in the present metric, is shorter (the natural level function of Deuflhard,
+/// Newton Methods for Nonlinear Problems, 3.3: an instrument-like derivative has no cost whose minimum it leads to); else it
+/// is damped more. V_run, the residuals' long-run covariance (long_run.hpp), starts from the residuals of theta alone, which
+/// are the widest, and is renewed until it stays. Converged: weights at rest, and the next undamped step, and with it the
+/// gradient in that metric, below 0.001 posterior sigmas of every unknown, or below 0.05 and no longer shrinking (rows at a
+/// gap come and go with a delay).
 /// As soon as xi is estimated two more errors are modelled: where the attachments really are, known to std_geometry, is
 /// unknown too, else a millimetre of it would pass for newtons of offset; and the attitude wanders about its bias, see
 /// filter_states.h: a Kalman filter of that alone takes it out of the rows, which then are as independent as their noise. Known
@@ -16,6 +22,7 @@
 #pragma once
 
 #include "batch/data.hpp"
+#include "batch/descent.hpp"
 #include "batch/publish.hpp"
 
 #include <cmath>
@@ -24,28 +31,31 @@
 
 namespace inertiad {
 
-namespace detail {
-constexpr double CONVERGED = 1e-3;  // posterior sigmas: chosen so that the last step is invisible in what is published
-}
+/// The equations have a solution which no body is near.
+struct NoBody : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
 
-/// Solve. Throws std::domain_error with the reason where there is nothing to solve or no body comes out.
+/// Solve. result.is_converged says whether it is a solution. Throws std::domain_error with the reason where there is nothing
+/// to solve, NoBody where the data contradict every body.
 inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
 {
     Config used = config;
     for (const BatchRun& run : runs) { used = usable(used, run.derived); }
     detail::Problem problem(used, runs, settings);
     BatchResult result{};
-    for (result.n_steps = 1; result.n_steps <= settings.n_steps_max; ++result.n_steps) {
-        const int step = result.n_steps;
-        const int n_weight_steps = settings.n_weight_steps + (settings.n_weight_steps > 0 ? problem.widened_at : 0);
-        result.last_step = problem.step(step > 1 && step <= 1 + n_weight_steps);
-        if (!std::isfinite(result.last_step)) { throw std::domain_error("the equations have no finite solution"); }
-        if (step > n_weight_steps && step > problem.widened_at && result.last_step < detail::CONVERGED) { break; }
-    }
+    detail::Descent(problem, settings).run(result);
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
     if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }
-    for (int g = 0; g < problem.n_groups; ++g) { result.body.push_back(detail::publish_body(problem, g)); }
+    for (int g = 0; g < problem.n_groups; ++g) {
+        try {
+            result.body.push_back(detail::publish_body(problem, g));
+        } catch (const std::domain_error& error) {
+            throw NoBody(error.what());
+        }
+    }
+    problem.blocks(result.block, result.H_prior);
     result.fit = problem.fit;
     result.free = problem.free;
     result.prior_std = problem.scale;

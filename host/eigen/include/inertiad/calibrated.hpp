@@ -17,6 +17,7 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 extern "C" {
@@ -106,10 +107,21 @@ inline bool locate(const std::vector<ipe_row_t>& rows, std::size_t k, double del
     return h > 0.0 && h < GAP;
 }
 
+/// True where neither position nor forces differ from a neighbour's in the same stretch: a pose given as equal rows.
+inline bool is_constant(const std::vector<ipe_row_t>& rows, std::size_t k, int n_cables)
+{
+    const auto equals = [&](std::size_t i) {
+        return std::abs(seconds(rows[k], rows[i])) < GAP && std::equal(rows[k].f, rows[k].f + n_cables, rows[i].f) &&
+               std::equal(rows[k].position, rows[k].position + 3, rows[i].position);
+    };
+    return (k > 0 && equals(k - 1)) || (k + 1 < rows.size() && equals(k + 1));
+}
+
 }  // namespace detail
 
 /// Rows with position and forces as they would be, had they come delay seconds earlier; what stands in acc with the position,
-/// if it was derived from that. Rows at the ends and at gaps, where nothing lies on both sides, are dropped.
+/// if it was derived from that. Rows at the ends and at gaps, where nothing lies on both sides, are dropped unless they are
+/// constant there: a pose at rest has no delay.
 inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int n_cables, double position_delay,
                                         double force_delay, bool is_acc_moved = false)
 {
@@ -120,6 +132,7 @@ inline std::vector<ipe_row_t> undelayed(const std::vector<ipe_row_t>& rows, int 
         std::size_t p = k, f = k;
         double p_share = 0.0, f_share = 0.0;
         if (!detail::locate(rows, k, position_delay, p, p_share) || !detail::locate(rows, k, force_delay, f, f_share)) {
+            if (detail::is_constant(rows, k, n_cables)) { moved.push_back(rows[k]); }
             continue;
         }
         const auto at = [&rows](std::size_t i, double share, auto read) {

@@ -223,6 +223,7 @@ nb::dict body_result(const inertiad::BatchBody& b)
     nb::dict d = body_dict(b.body);
     d["theta"] = b.theta, d["theta_possible"] = b.theta_possible, d["covariance"] = b.P;
     d["consistent"] = b.is_consistent, d["distance"] = b.distance;
+    d["prior"] = body_dict(b.prior);
     nb::list observable;
     for (const bool o : b.observable) { observable.append(o); }
     d["observable"] = observable;
@@ -233,13 +234,21 @@ nb::dict fit_result(const inertiad::BatchFit& f)
 {
     nb::dict d;
     d["n_rows"] = f.n_rows, d["n_windows"] = f.n_windows, d["n_rest"] = f.n_rest;
-    d["rms"] = f.rms, d["noise_std"] = f.noise_std;
+    d["rms"] = f.rms, d["noise_std"] = f.noise_std, d["correlation_time"] = f.correlation_time;
+    return d;
+}
+
+nb::dict block_result(const inertiad::BatchBlock& b)
+{
+    nb::dict d;
+    d["run"] = b.run, d["begin"] = b.begin, d["end"] = b.end, d["n_windows"] = b.n_windows;
+    d["H"] = b.H, d["g"] = b.g;
     return d;
 }
 
 nb::dict solve(const inertiad::Config& config, const std::vector<const Rows*>& runs, const std::vector<int>& group,
                const std::vector<double>& payload, bool is_payload_known, double payload_std,
-               const std::vector<bool>& is_free, double theta_prior, int n_weight_steps)
+               const std::vector<bool>& is_free, double theta_prior, bool is_weight_learnt)
 {
     std::vector<inertiad::BatchRun> batch;
     if (group.size() != runs.size()) { throw std::invalid_argument("group: needs one entry per run"); }
@@ -251,17 +260,24 @@ nb::dict solve(const inertiad::Config& config, const std::vector<const Rows*>& r
     }
     inertiad::BatchSettings settings;
     settings.payload = payload, settings.is_payload_known = is_payload_known, settings.payload_std = payload_std;
-    settings.is_free = is_free, settings.theta_prior = theta_prior, settings.n_weight_steps = n_weight_steps;
+    settings.is_free = is_free, settings.theta_prior = theta_prior, settings.is_weight_learnt = is_weight_learnt;
     if (!is_free.empty() && is_free.size() != static_cast<std::size_t>(ipe_systematic_count(config.n_cables()))) {
         throw std::invalid_argument("is_free: needs one entry per systematic parameter");
     }
-    const inertiad::BatchResult r = inertiad::solve(config, batch, settings);
+    inertiad::BatchResult r;
+    {
+        const nb::gil_scoped_release unlocked;
+        r = inertiad::solve(config, batch, settings);
+    }
     nb::dict d;
-    nb::list bodies, fits;
+    nb::list bodies, fits, blocks;
     for (const auto& b : r.body) { bodies.append(body_result(b)); }
     for (const auto& f : r.fit) { fits.append(fit_result(f)); }
+    for (const auto& b : r.block) { blocks.append(block_result(b)); }
     d["body"] = bodies, d["fit"] = fits, d["xi"] = r.xi, d["xi_std"] = r.xi_std, d["free"] = r.free;
     d["covariance"] = r.P, d["prior_std"] = r.prior_std, d["n_steps"] = r.n_steps, d["last_step"] = r.last_step;
+    d["converged"] = r.is_converged, d["refused"] = r.refused;
+    d["blocks"] = blocks, d["prior_information"] = r.H_prior;
     return d;
 }
 
@@ -334,6 +350,6 @@ void bind_batch(nb::module_& m)
     m.def("calibrated", &inertiad::calibrated, "config"_a, "xi"_a, "The configuration with corrections xi [24+3m].");
     m.def(
         "batch", &solve, "config"_a, "runs"_a, "group"_a, "payload"_a, "is_payload_known"_a = false,
-        "payload_std"_a = 0.01, "is_free"_a = std::vector<bool>{}, "theta_prior"_a = 1.0, "n_weight_steps"_a = 4,
-        "Gauss-Newton over theta of each group and the free systematic parameters. ValueError: no solution. batch.hpp");
+        "payload_std"_a = 0.01, "is_free"_a = std::vector<bool>{}, "theta_prior"_a = 1.0, "is_weight_learnt"_a = true,
+        "Damped Gauss-Newton over theta of each group and the free systematic parameters. ValueError: no solution. batch.hpp");
 }

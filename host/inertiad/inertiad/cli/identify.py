@@ -26,25 +26,34 @@ def fit(
 ) -> None:
     """Identify the body offline, from any number of runs together.
 
+    Exit status 0: good or usable with care, 1: not to be used (the file says why), 2: bad usage or input.
+
     joint: body and sensor errors together, the optimum. wls: plain weighted least squares. iv: instrumental variables.
     paper: the two-step method of the source paper.
     """
-    from inertiad.identify import diagnose
+    from inertiad.base import finding
+    from inertiad.identify import estimate_document, identification
     from inertiad.identify import fit as fitter
 
     with progress_shown() as progress:
         progress("read")
         described, recordings = fitter.read(runs, robot, method)
-        progress("look for mistakes")
-        for finding in diagnose.diagnose(described, recordings):  # first: with some of them there is no fit
-            say(f"diagnosis: {finding}")
-        progress("fit")
-        estimate, held_out = fitter.main(method, described, recordings, validate or [], robot)
-    typer.echo(fitter.text(estimate, fitter.truth_of(runs)))
-    for line in fitter.remarks(estimate, recordings, held_out):
+        done = identification.identify(method, described, recordings, validate or [], robot, progress)
+    if done.estimate is not None:
+        typer.echo(fitter.text(done.estimate, fitter.truth_of(runs)))
+        for line in fitter.remarks(done.estimate, recordings, done.validations):
+            say(line)
+    for line in finding.lines(done.findings):
         say(line)
     if json is not None:
-        fitter.write(json, fitter.document(described, estimate, recordings, held_out))
+        estimate_document.write(
+            json,
+            estimate_document.document(
+                described, done.estimate, recordings, done.validations, done.findings, done.segments
+            ),
+        )
+    if finding.verdict(done.findings) == "stop":
+        raise typer.Exit(1)
 
 
 @commands.command(epilog="Example: inertiactl report run1 run2 -o report.html --figures figures")
@@ -109,17 +118,16 @@ def calibrate(
 ) -> None:
     r"""Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
 
-    In robot.toml: \[calibration] file = "calibration.toml".
+    In robot.toml: \[calibration] file = "calibration.toml". Exit status 0: written, 1: not to be used, so
+    not written, 2: bad usage or input.
     """
+    from inertiad.base import finding
     from inertiad.identify import calibrate as calibrator
-    from inertiad.identify import diagnose
     from inertiad.identify import fit as fitter
 
     with progress_shown() as progress:
         progress("read and solve")
         result, recordings = calibrator.main(robot, runs, payload or [], tare)
-        progress("look for mistakes")
-        found = diagnose.diagnose(result.robot, recordings)
     typer.echo(calibrator.text(result))
     for mass, estimate in zip(result.payloads, result.estimates, strict=True):
         say(f"payload {mass:g} kg: mass {estimate.body.value[0]:.3f} ± {estimate.body.std[0]:.3f} kg")
@@ -129,8 +137,11 @@ def calibrate(
         say(line)
     for direction in result.directions:
         say(f"not observable: {direction}")
-    for finding in found:
-        say(f"diagnosis: {finding}")
+    for line in finding.lines(result.findings):
+        say(line)
+    if finding.verdict(result.findings) == "stop":
+        say(f"{output}: not written")
+        raise typer.Exit(1)
     calibrator.write(output, result)
     say(f"{output}: written")
 

@@ -17,10 +17,11 @@ from scipy.spatial.transform import Rotation
 import inertiad_core
 from inertiad.base import table
 from inertiad.base.error import InputError
+from inertiad.base.finding import Finding, ordered
 from inertiad.base.quantity import forces
 from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
-from inertiad.identify import fit
+from inertiad.identify import diagnose, findings, fit
 from inertiad.robot import description, systematic
 from inertiad.robot.description import LeftOver, Robot
 from inertiad.robot.systematic import Group, names
@@ -54,7 +55,8 @@ class Calibration:
     payloads: list[float]
     directions: list[str]
     """unobservable combinations of parameters, as text"""
-    n_steps: int
+    findings: list[Finding]
+    """the worst first"""
 
     @property
     def ratio(self) -> Array:
@@ -154,10 +156,13 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     if refused.any() and not refused.all():
         result = _solve(config, recordings, payload, is_known, ~refused)
     estimates = [fit.of_batch("joint", result, g) for g in range(len(set(payload)))]
+    levels = sorted(set(payload))
+    found = diagnose.diagnose(robot, recordings)
+    found += findings.of_result(robot, config, result, recordings, [levels.index(p) for p in payload])
     xi = np.where(refused, 0.0, np.array(result["xi"]))
     std = np.maximum(np.where(refused, prior_std, np.sqrt(np.diag(covariance))), 1e-12)
     return Calibration(
-        robot, xi, std, prior_std, covariance, refused, estimates, sorted(set(payload)), directions, result["n_steps"]
+        robot, xi, std, prior_std, covariance, refused, estimates, sorted(set(payload)), directions, ordered(found)
     )
 
 

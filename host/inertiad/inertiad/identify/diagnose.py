@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
+from inertiad.base.finding import Finding, Severity
 from inertiad.base.table import Array
 from inertiad.identify.fit import WEAK_PRIOR
 from inertiad.robot.configuration import platform_size, typical_mass
@@ -47,6 +48,11 @@ RADIUS_DIFFERS: Final = 0.01
 RADIUS_SURE: Final = 25.0
 """fall of the cost, five sigma: what this radius explains and no sensor error can"""
 FORCE_UNITS: Final = (("kN", 1e3), ("kg", 9.80665), ("lbf", 4.4482), ("daN", 10.0), ("mN", 1e-3))
+RADIUS_FALLS_TO: Final = 0.8
+"""of the residual: a radius that leaves more explains too little to be named"""
+CORRECT: Final = "correct robot.toml or the wiring, then record or fit again"
+LOOK_AT_SENSOR: Final = "check this sensor: mounting, cable, amplifier, range; then repeat the run"
+TAUT: Final = "keep the motion where all cables pull: inertiactl excite keeps every tension inside its limits"
 TURN_NAMES: Final = {0: "x", 1: "y", 2: "z"}
 
 
@@ -138,8 +144,12 @@ def _with_radius(robot: Robot, radius: float) -> Robot:
 def _explain(robot: Robot, rows: list[Any], radius: float) -> Explained:
     config = reader.config_of(_with_radius(robot, radius), robot.name)
     try:
-        found = inertiad_core.batch(config, rows, [0] * len(rows), [0.0], theta_prior=WEAK_PRIOR, n_weight_steps=0)
-    except ValueError:
+        found = inertiad_core.batch(
+            config, rows, [0] * len(rows), [0.0], theta_prior=WEAK_PRIOR, is_weight_learnt=False
+        )
+    except (ValueError, RuntimeError):  # nothing to solve, or no body
+        return Explained(radius, np.inf, np.inf)
+    if not found["converged"]:
         return Explained(radius, np.inf, np.inf)
     std, xi = np.array(inertiad_core.systematic_std(config)), np.array(found["xi"])
     known = std > 0.0
@@ -161,8 +171,9 @@ def _vertex(tried: list[Explained]) -> float:
     return float(np.clip(-0.5 * slope / square, 0.0, RADIUS_MAX)) if square > 0.0 else best[0].radius
 
 
-def _radius(robot: Robot, recordings: list[Recording]) -> list[str]:
-    """The pulleys' radius as one more unknown; the cost is nearly a parabola in it."""
+def _radius(robot: Robot, recordings: list[Recording], rival: float) -> list[str]:
+    """The pulleys' radius as one more unknown; the cost is nearly a parabola in it. rival: what the best other mistake
+    leaves of the residual; the radius must leave less."""
     rows = [_short(run.rows) for run in recordings]
     given = float(np.mean([c.pulley_radius for c in robot.cable]))
     before = _explain(robot, rows, given)
@@ -180,26 +191,30 @@ def _radius(robot: Robot, recordings: list[Recording]) -> list[str]:
     best = min(tried, key=lambda e: e.cost)
     if before.cost - best.cost < RADIUS_SURE or abs(best.radius - given) < RADIUS_DIFFERS:
         return []
+    if best.rms > min(RADIUS_FALLS_TO, rival) * before.rms:
+        return []
     return [
         f"pulley_radius looks wrong: residual falls from {before.rms:.3g} N to {best.rms:.3g} N with pulley_radius = "
         f"{best.radius:.3f} m instead of {given:g} m"
     ]
 
 
-def _trials(robot: Robot, recordings: list[Recording]) -> list[str]:
-    """The trial that explains the data best, if one does."""
+def _trials(robot: Robot, recordings: list[Recording]) -> tuple[list[Finding], float]:
+    """The trial that explains the data best, if one does, and the share of the residual that the best one leaves."""
     rows = [_short(run.rows) for run in recordings]
     size = platform_size(robot)
     before = residual(reader.config_of(robot, robot.name), size, rows)
     if not before > WORTH_A_TRIAL * _force_scale(rows):
-        return []
-    best, least = None, FALLS_TO * before
-    for make in (_exchanges, _turns):
-        for trial in make(robot, rows):
-            now = residual(trial.config, size, trial.rows)
-            if now < least:
-                best, least = trial.words, now
-    return [] if best is None else [best.format(f"from {before:.3g} N to {least:.3g} N")]
+        return [], 1.0
+    tried = [
+        (residual(trial.config, size, trial.rows), name, trial.words)
+        for name, make in (("swapped_cables", _exchanges), ("imu_orientation", _turns))
+        for trial in make(robot, rows)
+    ]
+    now, name, words = min(tried, key=lambda entry: entry[0])
+    if now >= FALLS_TO * before:
+        return [], min(now / before, 1.0)
+    return _findings(name, [words.format(f"from {before:.3g} N to {now:.3g} N")]), now / before
 
 
 def _force_scale(rows: list[Any]) -> float:
@@ -243,7 +258,9 @@ def _gyro_unit(run: Recording) -> list[str]:
     step = max(1, round(0.1 / float(np.median(np.diff(rows.t))))) if len(rows) > 1 else 1
     if len(rows) < 4 * step:
         return []
-    turned = (q[:-step].inv() * q[step:]).as_rotvec() / (rows.t[step:] - rows.t[:-step])[:, None]
+    elapsed = rows.t[step:] - rows.t[:-step]
+    turned = (q[:-step].inv() * q[step:]).as_rotvec() / elapsed[:, None]
+    turned[elapsed > 1.5 * float(np.median(elapsed))] = 0.0  # across a gap, as between poses at rest
     moving = np.linalg.norm(turned, axis=1)
     if moving.max() < 0.05:
         return []
@@ -265,7 +282,7 @@ def _force_unit(robot: Robot, recordings: list[Recording]) -> list[str]:
         windows = inertiad_core.Windows(config, run.rows)
         if len(windows.y):
             lifted.append(float(np.median(np.linalg.norm(windows.y[:, :3], axis=1))))
-    if not lifted or robot.gravity <= 0.0:
+    if not lifted or robot.gravity <= 0.0 or min(lifted) <= 0.0:
         return []
     measured, expected = float(np.median(lifted)), typical_mass(robot) * robot.gravity
     if robot.nominal is None and measured > 1e-2 * expected:
@@ -342,19 +359,29 @@ def _excitation(recordings: list[Recording]) -> list[str]:
     return ["no excitation: the platform is at rest throughout, so the inertia cannot be seen; move it"]
 
 
-def diagnose(robot: Robot, recordings: list[Recording]) -> list[str]:
-    """Findings, a line each, the surest first. Empty where nothing looks wrong."""
-    found: list[str] = []
+def _findings(name: str, lines: list[str], severity: Severity = "stop", do: str = CORRECT) -> list[Finding]:
+    return [Finding(name, severity, line, do) for line in lines]
+
+
+def diagnose(robot: Robot, recordings: list[Recording]) -> list[Finding]:
+    """Mistakes, the surest first. Empty where nothing looks wrong."""
+    found: list[Finding] = []
     for run in recordings:
-        found += _tracker_unit(robot, run)
+        found += _findings("tracker_unit", _tracker_unit(robot, run))
     if found:
         return found
     for run in recordings:
-        found += _gravity(robot, run) + _gyro_unit(run)
-    unit = _force_unit(robot, recordings)
+        found += _findings("specific_force", _gravity(robot, run)) + _findings("gyro", _gyro_unit(run))
+    unit = _findings("force_unit", _force_unit(robot, recordings))
     for run in recordings:
-        found += _saturated(robot, run) + ([] if unit else _slack(robot, run))
-    found += unit + _excitation(recordings)
+        found += _findings("saturated_sensor", _saturated(robot, run), do=LOOK_AT_SENSOR)
+        found += [] if unit else _findings("slack_cable", _slack(robot, run), "care", TAUT)
+    found += unit
+    is_clean = not found
+    found += _findings("no_excitation", _excitation(recordings), "care", "inertiactl excite ROBOT -o excite.csv")
     if not unit:
-        found += _trials(robot, recordings)
-    return found if found else _radius(robot, recordings)
+        trials, share = _trials(robot, recordings)
+        found += trials
+        if is_clean and not found:
+            found += _findings("pulley_radius", _radius(robot, recordings, share))
+    return found

@@ -7,7 +7,6 @@ iv      theta alone, the regressor of a window later as instrument: differs from
 paper   the two-step method of the source paper, medians over runs
 """
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,7 @@ import inertiad_core
 from inertiad.base.body import NAMES, UNITS, Body, read_truth
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
-from inertiad.identify import physical_consistency
+from inertiad.identify import block_statistics, physical_consistency
 from inertiad.identify import two_step as paper
 from inertiad.robot import systematic
 from inertiad.robot.configuration import prior, theta_of
@@ -31,6 +30,10 @@ WEAK_PRIOR: Final = 1e4
 """factor on the prior sigmas where there is to be no prior"""
 LAG: Final = 4
 """windows to the instrument: the first that shares no sample"""
+
+
+class NoBodyError(InputError):
+    """The data have a solution, but no body is near it."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class Estimate:
     rms: Array = field(default_factory=lambda: np.zeros(6))
     """of the windows' residual wrench, N and N m [6]"""
     notes: tuple[str, ...] = ()
+    is_converged: bool = True
 
 
 def _body(d: dict[str, Any]) -> Body:
@@ -59,14 +63,36 @@ def _body(d: dict[str, Any]) -> Body:
     return Body(tuple(value), (d["mass_std"], *d["cog_std"], *d["inertia_cog_std"]))
 
 
-def batch(config: Any, recordings: list[Recording], **options: Any) -> dict[str, Any]:
-    """The batch solver on runs of one body, or with options group and payload of several. InputError: no solution."""
+def _solve(config: Any, recordings: list[Recording], **options: Any) -> dict[str, Any]:
+    """The batch solver's result, sigma as the weights give it. Errors as of batch()."""
     options = {"group": [0] * len(recordings), "payload": [0.0], **options}
     try:
         result: dict[str, Any] = inertiad_core.batch(config, [run.rows for run in recordings], **options)
     except ValueError as error:
         raise InputError(f"{recordings[0].path}: {error}") from None
+    except RuntimeError as error:
+        raise NoBodyError(f"{recordings[0].path}: {error}") from None
     return result
+
+
+def batch(config: Any, recordings: list[Recording], **options: Any) -> dict[str, Any]:
+    """The batch solver on runs of one body, or with options group and payload of several; sigma as it is published.
+
+    InputError: nothing to solve. NoBodyError: a solution that no body is near.
+    """
+    return block_statistics.widened(recordings[0].robot, _solve(config, recordings, **options))
+
+
+def _plain(config: Any, recordings: list[Recording]) -> dict[str, Any]:
+    """The batch solver's result for theta alone, without prior.
+
+    Its residuals contain the sensors' constant errors and stay correlated for long. The stated errors cover these, so
+    sigma is widened by the spread between blocks only where there are enough blocks to show it.
+    """
+    robot, n_xi = recordings[0].robot, len(inertiad_core.systematic_std(config))
+    result = _solve(config, recordings, is_free=[False] * n_xi, theta_prior=WEAK_PRIOR)
+    wide = block_statistics.widened(robot, result)
+    return wide if wide["spread"].n_blocks >= block_statistics.BLOCKS_MIN else result
 
 
 def _rms(result: dict[str, Any]) -> tuple[int, Array]:
@@ -82,7 +108,7 @@ def _possible(method: str, theta: Array, P: Array) -> tuple[Body, Array, float]:
         theta, distance = physical_consistency.nearest(theta, P)
         return _body(inertiad_core.body(theta, P)), theta, distance
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-        raise InputError(f"--method {method}: {error}") from None
+        raise NoBodyError(f"--method {method}: {error}") from None
 
 
 def of_batch(method: str, result: dict[str, Any], group: int = 0) -> Estimate:
@@ -102,6 +128,7 @@ def of_batch(method: str, result: dict[str, Any], group: int = 0) -> Estimate:
         np.array(result["xi_std"]) if has_xi else None,
         n_windows,
         rms,
+        is_converged=bool(result["converged"]),
     )
 
 
@@ -110,17 +137,50 @@ def joint(config: Any, recordings: list[Recording]) -> Estimate:
     return of_batch("joint", batch(config, recordings))
 
 
-def wls(config: Any, recordings: list[Recording]) -> Estimate:
-    """Weighted least squares of theta alone."""
+def _with_sensor_errors(config: Any, recordings: list[Recording], theta: Array, P: Array, map_y: list[Array]) -> Array:
+    """P [10, 10] with what the sensors' stated errors, which the method leaves out, do to theta (about the IMU).
+
+    map_y: of each run, d(theta)/d(y) [10, 6 N].
+    """
     n_xi = len(inertiad_core.systematic_std(config))
-    return of_batch("wls", batch(config, recordings, is_free=[False] * n_xi, theta_prior=WEAK_PRIOR))
+    by_xi = np.zeros((10, n_xi))
+    for run, by_y in zip(recordings, map_y, strict=True):
+        by_xi += by_y @ inertiad_core.Windows(config, run.rows).X(theta).reshape(-1, n_xi)
+    by_xi *= np.asarray(inertiad_core.systematic_std(config))
+    return np.asarray(P + by_xi @ by_xi.T)
+
+
+def wls(config: Any, recordings: list[Recording]) -> Estimate:
+    """Weighted least squares of theta alone; sigma with the sensors' errors in [std], none of which is fitted."""
+    robot, result = recordings[0].robot, _plain(config, recordings)
+    weights = [1.0 / f["noise_std"] for f in result["fit"]]
+    T = _from_imu(robot)
+    weak = np.linalg.inv(WEAK_PRIOR**2 * prior(robot)[1])
+    Y = [
+        (inertiad_core.Windows(config, run.rows).Y * w[:, None]).reshape(-1, 10)
+        for run, w in zip(recordings, weights, strict=True)
+    ]
+    inverse = np.linalg.inv(sum((y.T @ y for y in Y), T.T @ weak @ T))
+    to_theta = [
+        inverse @ (y.reshape(-1, 6, 10) * w[:, None]).reshape(-1, 10).T for y, w in zip(Y, weights, strict=True)
+    ]
+    body = result["body"][0]
+    theta_imu = np.linalg.solve(T, np.array(body["theta"]))
+    errors = _with_sensor_errors(config, recordings, theta_imu, np.zeros((10, 10)), to_theta)
+    P = np.array(body["covariance"]) + T @ errors @ T.T
+    n_windows, rms = _rms(result)
+    converged = bool(result["converged"])
+    return _published("wls", robot, np.array(body["theta"]), P, n_windows=n_windows, rms=rms, is_converged=converged)
+
+
+def _from_imu(robot: Robot) -> Array:
+    """Theta about P [10, 10] from theta about the IMU."""
+    return np.array([inertiad_core.shift(unit, np.array(robot.imu.position)) for unit in np.eye(10)]).T
 
 
 def _weights(config: Any, recordings: list[Recording]) -> list[Array]:
     """Inverse standard deviations [6] of each run's windows, as wls takes them."""
-    n_xi = len(inertiad_core.systematic_std(config))
-    result = batch(config, recordings, is_free=[False] * n_xi, theta_prior=WEAK_PRIOR)
-    return [1.0 / f["noise_std"] for f in result["fit"]]
+    return [1.0 / f["noise_std"] for f in _plain(config, recordings)["fit"]]
 
 
 def _published(method: str, robot: Robot, theta: Array, P: Array, **other: Any) -> Estimate:
@@ -129,14 +189,14 @@ def _published(method: str, robot: Robot, theta: Array, P: Array, **other: Any) 
     found, theta, distance = _possible(method, theta, P)
     mean, cov = prior(robot)
     before = _body(inertiad_core.body(mean, cov)).std
-    observable = tuple(2.0 * now <= then for now, then in zip(found.std, before, strict=True))
+    observable = tuple(bool(2.0 * now <= then) for now, then in zip(found.std, before, strict=True))
     return Estimate(method, found, consistent, observable, theta, distance, **other)
 
 
 def iv(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate:
     """Instrumental variables: the regressor one window later, whose noise is not this window's."""
     ZY, Zy, noise = np.zeros((10, 10)), np.zeros(10), np.zeros((10, 10))
-    blocks = []
+    blocks, instruments, used = [], [], []
     for run, weight in zip(recordings, _weights(config, recordings), strict=True):
         windows = inertiad_core.Windows(config, run.rows)
         Y, y = windows.Y * weight[:, None], windows.y * weight
@@ -147,24 +207,27 @@ def iv(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate:
         Zy += np.einsum("kij,ki->j", Z, y)
         noise += np.einsum("kij,kil->jl", Z, Z)
         blocks.append((Y, y, weight))
+        used.append(run)
+        instruments.append(np.concatenate([Z * weight[:, None], np.zeros((LAG, 6, 10))]).reshape(-1, 10))
     if np.linalg.matrix_rank(ZY) < 10:
         raise InputError("--method iv: the motion does not excite all ten parameters")
     inverse = np.linalg.inv(ZY)
     theta_imu = inverse @ Zy
     P_imu = inverse @ noise @ inverse.T
+    P_imu = _with_sensor_errors(config, used, theta_imu, P_imu, [inverse @ Z.T for Z in instruments])
     e = [(y - Y @ theta_imu) / weight for Y, y, weight in blocks]
     rms = np.sqrt(np.mean(np.concatenate(e) ** 2, axis=0))
-    T = np.array([inertiad_core.shift(unit, np.array(robot.imu.position)) for unit in np.eye(10)]).T
+    T = _from_imu(robot)
     return _published("iv", robot, T @ theta_imu, T @ P_imu @ T.T, n_windows=sum(map(len, e)), rms=rms)
 
 
 def two_step(robot: Robot, config: Any, recordings: list[Recording]) -> Estimate:
-    """The paper's method: one estimate per run, medians over runs; std is the runs' scatter, 0 for a single run."""
+    """The paper's method: one estimate per run, medians over runs; std is the runs' scatter, NaN for a single run."""
     each = np.array([paper.estimate(robot, config, run.rows) for run in recordings])
     value = np.median(each, axis=0)
     if not np.isfinite(value).all():
         raise InputError("--method paper: mass is not positive")
-    spread = 1.4826 * np.median(np.abs(each - value), axis=0)
+    spread = 1.4826 * np.median(np.abs(each - value), axis=0) if len(each) > 1 else np.full(10, np.nan)
     J = inertia_matrix(value[4:])
     theta = theta_of(Nominal.model_construct(mass=value[0], cog=value[1:4].tolist(), inertia_cog=value[4:].tolist()))
     possible = bool(inertiad_core.is_consistent(theta))
@@ -224,79 +287,15 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
 
 
-def _quantity(value: Any, std: Any) -> dict[str, Any]:
-    return {"value": value, "std": std}
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of a run with a body of its own."""
 
-
-def _configured(robot: Robot, name: str) -> Any:
-    """The value that robot_config_t has for a kind of systematic parameter; None where xi is a correction to others."""
-    place = {"imu_position": robot.imu.position, "tracker_target": robot.tracker.target}
-    delays = ("position_delay", "force_delay", "attitude_delay")
-    return place.get(name) if name in place or name in delays else getattr(robot.calibration, name, None)
-
-
-def _sensors(robot: Robot, estimate: Estimate) -> dict[str, Any]:
-    """Sensor errors as robot_config_t has them: configured plus estimated; alignment and delays are corrections."""
-    if estimate.xi is None or estimate.xi_std is None:
-        return {}
-    result = {}
-    for group in systematic.groups(robot.n_cables):
-        configured = _configured(robot, group.name)
-        if not np.any(estimate.xi_std[group.part]):
-            continue
-        value = estimate.xi[group.part] + (np.zeros(group.n) if configured is None else np.atleast_1d(configured))
-        std = estimate.xi_std[group.part]
-        if group.n == 1:
-            result[group.name] = _quantity(float(value[0]), float(std[0]))
-        else:
-            result[group.name] = _quantity(value.tolist(), std.tolist())
-    return result
-
-
-def _validation_json(validation: Validation) -> dict[str, Any]:
-    return {
-        "run": str(validation.path),
-        "wrench_rms": validation.rms.tolist(),
-        "wrench_std": validation.signal.tolist(),
-        "tension_rms": validation.tension_rms.tolist(),
-    }
-
-
-def document(
-    robot: Robot, estimate: Estimate, recordings: list[Recording], held_out: list[Validation]
-) -> dict[str, Any]:
-    """Contents of estimate.json."""
-    value, std, seen = estimate.body.value, estimate.body.std, list(estimate.observable)
-    counters: dict[str, int] = {}
-    for run in recordings:
-        for name, count in run.counters.items():
-            counters[name] = counters.get(name, 0) + count
-    return {
-        "method": estimate.method,
-        "mass": _quantity(value[0], std[0]),
-        "cog": _quantity(list(value[1:4]), list(std[1:4])),
-        "inertia_cog": _quantity(list(value[4:]), list(std[4:])),
-        **_sensors(robot, estimate),
-        "consistent": estimate.consistent,
-        "distance": estimate.distance,
-        "observable": {"mass": seen[0], "cog": seen[1:4], "inertia_cog": seen[4:]},
-        "residual_rms": estimate.rms.tolist(),
-        "validation": [_validation_json(v) for v in held_out],
-        "notes": [*estimate.notes, *(note for run in recordings for note in run.notes)],
-        "samples": {
-            "frames": sum(run.n_frames for run in recordings),
-            "used": sum(len(run.rows) for run in recordings),
-            "rejected": sum(run.n_rejected for run in recordings),
-            "windows": estimate.n_windows,
-        },
-        "duration_s": sum(run.duration for run in recordings),
-        "counters": counters,
-    }
-
-
-def write(path: Path, data: dict[str, Any]) -> None:
-    """Write estimate.json."""
-    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    path: Path
+    begin: float
+    end: float
+    """s since the run's first row"""
+    estimate: Estimate
 
 
 def text(estimate: Estimate, truth: Body | None) -> str:
@@ -305,7 +304,9 @@ def text(estimate: Estimate, truth: Body | None) -> str:
     lines = [head.rstrip()]
     for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
         digits = 4 if unit == "m" else 3
-        line = f"{name:8} {estimate.body.value[i]:11.{digits}f} {estimate.body.std[i]:10.{digits}f}  {unit:6}"
+        std = estimate.body.std[i]
+        sigma = f"{std:.{digits}f}" if np.isfinite(std) else "none"
+        line = f"{name:8} {estimate.body.value[i]:11.{digits}f} {sigma:>10}  {unit:6}"
         if truth:
             line += f" {truth.value[i]:11.{digits}f} {estimate.body.value[i] - truth.value[i]:10.{digits}f}"
         lines.append(line if estimate.observable[i] else line + "  not observable")
@@ -316,11 +317,6 @@ def remarks(estimate: Estimate, recordings: list[Recording], held_out: list[Vali
     """Notes on the result, a line each."""
     lines = [f"{run.path}: {note}" for run in recordings for note in run.notes]
     lines += list(estimate.notes)
-    if not estimate.consistent and estimate.method != "paper":
-        lines.append(
-            "the estimate is not physically consistent; showing the nearest consistent body "
-            f"(squared Mahalanobis distance {estimate.distance:.1f})"
-        )
     if estimate.n_windows:
         f, t = np.sqrt((estimate.rms[:3] ** 2).sum()), np.sqrt((estimate.rms[3:] ** 2).sum())
         lines.append(f"residual {f:.2f} N, {t:.2f} N m over {estimate.n_windows} windows")
@@ -346,12 +342,3 @@ def read(paths: list[Path], robot_file: Path | None, method: str) -> tuple[Robot
         raise InputError(f'--method "{method}": allowed: {", ".join(METHODS)}')
     recordings = reader.read_all(paths, robot_file)
     return recordings[0].robot, recordings
-
-
-def main(
-    method: str, robot: Robot, recordings: list[Recording], held_out: list[Path], robot_file: Path | None
-) -> tuple[Estimate, list[Validation]]:
-    """Fit, validate."""
-    config = reader.config_of(robot, str(recordings[0].path))
-    estimate = fit(method, robot, config, recordings)
-    return estimate, [validate(config, estimate, run) for run in reader.read_all(held_out, robot_file)]

@@ -6,13 +6,10 @@ import json
 from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
-from typing import Final
 
 from inertiad.report import interactive, printed
 from inertiad.report.figure import DARK, LIGHT, Drawing, Scene, Table
 from inertiad.report.verdict import Verdict
-
-WORDS: Final = {"good": "good", "care": "care", "bad": "stop"}
 
 
 @dataclass(frozen=True)
@@ -100,13 +97,13 @@ def _section(section: Section) -> str:
 def _verdict(verdict: Verdict) -> str:
     rows = []
     for finding in verdict.findings:
-        action = f'<p class="action">{escape(finding.action)}</p>' if finding.action else ""
+        action = f'<p class="action">{escape(finding.do)}</p>' if finding.do else ""
         rows.append(
-            f'<li class="{finding.level}"><b class="badge">{WORDS[finding.level]}</b>'
-            f"<div><p>{escape(finding.text)}</p>{action}</div></li>"
+            f'<li class="{finding.severity}"><b class="badge">{finding.severity}</b>'
+            f"<div><p>{escape(finding.says)}</p>{action}</div></li>"
         )
     return (
-        f'<section id="verdict" class="{verdict.level}"><h2>{escape(verdict.headline)}</h2>'
+        f'<section id="verdict" class="{verdict.severity}"><h2>{escape(verdict.headline)}</h2>'
         f"<ul>{''.join(rows)}</ul></section>"
     )
 

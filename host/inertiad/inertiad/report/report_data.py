@@ -14,22 +14,20 @@ import inertiad_core
 from inertiad.base import body as estimate
 from inertiad.base.body import Body
 from inertiad.base.error import InputError
+from inertiad.base.finding import Finding
 from inertiad.base.table import Array
 from inertiad.base.text_files import read_json
-from inertiad.identify import diagnose, fit
+from inertiad.identify import block_statistics, diagnose, findings, fit, identification
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate, Validation
 from inertiad.report import cables
 from inertiad.report.cables import ForceCheck, Residual
-from inertiad.robot import systematic
 from inertiad.robot.configuration import prior
 from inertiad.robot.description import Nominal, Robot
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
 Progress = Callable[[str], None]
-SAME_SIGMAS: Final = 4.0
-"""two runs whose results differ by more saw different bodies, or different sensors"""
 HELD_OUT_MAX: Final = 8
 """runs up to which each is predicted from the others"""
 GAP: Final = 1.5
@@ -148,8 +146,8 @@ class Facts:
     truth: Body | None = None
     simulated: dict[str, Any] = field(default_factory=dict)
     """settings of a simulated run"""
-    found: list[str] = field(default_factory=list)
-    """by diagnose"""
+    found: list[Finding] = field(default_factory=list)
+    """by fit: mistakes, misfit, payload changes"""
     command: str = ""
 
     @property
@@ -160,12 +158,6 @@ class Facts:
     def nominal(self) -> Body | None:
         n = self.robot.nominal
         return None if n is None else Body((n.mass, *n.cog, *n.inertia_cog), (0.0,) * 10)
-
-    @property
-    def other_bodies(self) -> list[str]:
-        """Runs whose mass, CoG or inertia differs from the first's by more than chance."""
-        estimates = [(run.name, run.estimate.body) for run in self.usable if run.estimate is not None]
-        return [name for name, body in estimates[1:] if apart(body, estimates[0][1]).max() > SAME_SIGMAS]
 
 
 def apart(a: Body, b: Body) -> Array:
@@ -278,27 +270,16 @@ def _methods(robot: Robot, config: Any, recordings: list[Recording], joint: Esti
 
 def _uncertainty(robot: Robot, result: dict[str, Any]) -> Uncertainty:
     body, P = result["body"][0], np.array(result["covariance"])
-    back = -np.array(robot.imu.position)
-    shift = np.column_stack([inertiad_core.shift(column, back) for column in np.eye(10)])
-    E = inertiad_core.body_jacobian(np.array(body["theta_possible"])) @ shift
+    E = block_statistics.by_body(robot, np.array(body["theta_possible"]))
     S = E @ P[:10, :10] @ E.T
     std = np.sqrt(np.diag(S))
     inverse = np.linalg.inv(E)
     information = inverse.T @ np.linalg.inv(P)[:10, :10] @ inverse
     before = inertiad_core.body(*prior(robot))
     prior_std = np.array([before["mass_std"], *before["cog_std"], *before["inertia_cog_std"]])
-    place = {int(i): 10 + k for k, i in enumerate(result["free"])}  # of a free xi in P
-    kinds = {
-        g.name: [place[i] for i in range(g.first, g.first + g.n) if i in place]
-        for g in systematic.groups(robot.n_cables)
-    }
-    kinds["geometry"] = list(range(10 + len(place), len(P)))
-    share = {}
-    for name, part in kinds.items():
-        cross = E @ P[:10, part]
-        known = np.einsum("ij,jk,ik->i", cross, np.linalg.pinv(P[np.ix_(part, part)]), cross) if len(part) else 0.0
-        share[name] = np.asarray(known / np.diag(S)) * np.ones(10)
-    return Uncertainty(prior_std, std, 1.0 / np.sqrt(np.diag(information)), S / np.outer(std, std), share)
+    return Uncertainty(
+        prior_std, std, 1.0 / np.sqrt(np.diag(information)), S / np.outer(std, std), findings.shares(robot, result)
+    )
 
 
 def _predictions(config: Any, usable: list[Run]) -> list[Validation | None]:
@@ -331,8 +312,10 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
     robot = recordings[0].robot
     config = reader.config_of(robot, robot.name)
     progress("fit all runs together")
-    alone = usable[0].alone
-    result = alone if len(usable) == 1 and alone is not None else fit.batch(config, recordings)
+    done = identification.joint(robot, config, recordings, diagnose.diagnose(robot, recordings), progress)
+    if done.result is None:
+        return Facts(robot, found, found=done.findings, command=command)
+    result = fit.batch(config, recordings) if done.segments else done.result
     joint = fit.of_batch("joint", result)
     residuals = [cables.residual(config, joint, recording) for recording in recordings]
     progress("compare methods")
@@ -341,8 +324,6 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
     noise = np.sqrt(np.mean([np.square(f["noise_std"]) for f in result["fit"]], axis=0))
     tension = np.concatenate([r.tension for r in residuals])
     force_check = cables.check(_nearest_model(robot, joint), joint, noise, recordings, tension)
-    progress("look for mistakes")
-    mistakes = diagnose.diagnose(robot, recordings)
     parts = zip(usable, residuals, _predictions(config, usable), strict=True)
     complete = {id(run): replace(run, residual=residual, prediction=prediction) for run, residual, prediction in parts}
     paths = [run.path for run in usable]
@@ -357,7 +338,7 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
         np.maximum(np.array(inertiad_core.systematic_std(config)), 1e-12),
         fit.truth_of(paths),
         _simulated(paths),
-        mistakes,
+        done.findings,
         command,
     )
 

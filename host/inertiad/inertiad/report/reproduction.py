@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from inertiad.base.body import NAMES
+from inertiad.base.finding import Finding
 from inertiad.base.table import Array
 from inertiad.check.paper_experiment import Reproduction
 from inertiad.identify import two_step
@@ -14,7 +15,7 @@ from inertiad.model.trajectory import MOVE_TIME
 from inertiad.report import page, printed, provenance
 from inertiad.report.figure import Figure, Mark, Panel, Points, Role, Rule, Table
 from inertiad.report.page import Page, Section, Tile
-from inertiad.report.verdict import Finding, Verdict
+from inertiad.report.verdict import Verdict
 from inertiad.report.wording import unit_of
 from inertiad.robot.description import inertia_matrix
 
@@ -139,24 +140,29 @@ def judge(found: Reproduction) -> Verdict:
     inside = float((np.abs(found.joint_error) < Z95 * found.joint_std).mean())
     findings = [
         Finding(
+            "two_step_error",
             "good" if is_alike else "care",
             f"the paper's two steps put the CoG {cog[0]} mm off (x / y / z, median of {n}); {table}",
         ),
         Finding(
+            "two_step_impossible",
             "good",
             f"{found.n_impossible} of {n} two-step results are no body: their pseudo-inertia is not positive; "
             f"Table III's is none either, by {-slack(two_step.ESTIMATED[4:]):.1f} kg m²",
         ),
         Finding(
-            "good" if gain > 1.0 else "bad",
+            "joint_gain",
+            "good" if gain > 1.0 else "stop",
             f"the joint fit on the same data: CoG {cog[1]} mm, mass {ours[0]:.1f} kg, moments "
             f"{' / '.join(f'{v:.1f}' for v in ours[4:7])} kg m²; {gain:.0f} times closer (median of ten parameters)",
         ),
         Finding(
+            "coverage",
             "good" if 0.9 <= inside <= 0.995 else "care",
             f"the truth lies within 1.96 σ of the joint fit in {100 * inside:.0f} % of all cases",
         ),
         Finding(
+            "assumptions",
             "care",
             "three of the four trajectories and all error levels of the sensors are assumptions: the paper gives one "
             "trajectory and no data sheet",
@@ -164,7 +170,7 @@ def judge(found: Reproduction) -> Verdict:
         ),
     ]
     if unlike:
-        findings.append(Finding("care", f"errors of another size than in Table III: {unlike}"))
+        findings.append(Finding("unlike_table", "care", f"errors of another size than in Table III: {unlike}"))
     headline = "The paper's error of the CoG is reproduced" if is_alike else "The paper's error is not reproduced"
     return Verdict("good" if is_alike else "care", headline, findings)
 
@@ -220,4 +226,4 @@ def text(found: Reproduction) -> str:
             cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
         ]
         lines.append("  ".join(cells).rstrip())
-    return "\n".join([*lines, "", *(f.text for f in judge(found).findings)])
+    return "\n".join([*lines, "", *(f.says for f in judge(found).findings)])

@@ -6,9 +6,9 @@ beside it) and a robot description; or an LCM log of the daemon, whose rows are 
 CSV lacks, rates or specific force, is derived from the other columns; see derived_motion.py.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -22,6 +22,11 @@ from inertiad.robot.description import Robot
 from inertiad.run import derived_motion, lcmlog, signals_csv, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
+
+SLOW_ROWS: Final = 1.5
+"""intervals between rows that are no gap: under two, so that a lost row is one"""
+AGE_MOST: Final = 0.25
+"""s, as the batch solver's interpolation bridges"""
 
 
 @dataclass(frozen=True)
@@ -167,8 +172,21 @@ def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[T
     return Table(signals.t[chosen], kept, signals.name), ("attitude of the tracker's poses",)
 
 
+def _bridging_jitter(robot: Robot, t: Array) -> Robot:
+    """The robot with ages of at least SLOW_ROWS median intervals of its rows, t [s].
+
+    At ages of one interval every row that jitter makes late would be a gap, and its windows would be lost.
+    """
+    if len(t) < 2:
+        return robot
+    least = min(SLOW_ROWS * float(np.median(np.diff(t))), AGE_MOST)
+    ages = {name: max(getattr(robot.align, name), least) for name in ("max_age_imu", "max_age_force")}
+    return robot.model_copy(update={"align": robot.align.model_copy(update=ages)})
+
+
 def _read_signals(file: Path, robot: Robot) -> Recording:
     signals = signals_csv.with_attitude(table.read(file, signals_csv.columns(robot)))
+    robot = _bridging_jitter(robot, signals.t)
     signals, borrowed = _with_trackers_attitude(signals, file, robot)
     for name in (quantity.QUATERNION[0], *quantity.forces(robot.n_cables)):
         if name not in signals.columns:
@@ -219,6 +237,18 @@ def read_as(path: Path, robot: Robot) -> Recording:
             f"{path}: no sample is whole: forces, attitude and position at one time ({lost or 'no overlap'})"
         )
     return run
+
+
+def part(recording: Recording, begin: float, end: float) -> Recording:
+    """The rows of a run from begin to end, s since its first row."""
+    rows = recording.rows
+    t = rows.t - rows.t[0]
+    inside = (t >= begin) & (t <= end)
+    values = (rows.acc, rows.gyro, rows.q, rows.position, rows.f)
+    acc, gyro, q, position, f = (np.ascontiguousarray(x[inside]) for x in values)
+    t_ns = _nanoseconds(rows.t[inside])
+    kept = inertiad_core.Rows(t_ns, acc, gyro, q, position, f, rows.derives_force, rows.derives_rate)
+    return replace(recording, rows=kept)
 
 
 def read_all(paths: list[Path], robot_file: Path | None = None) -> list[Recording]:

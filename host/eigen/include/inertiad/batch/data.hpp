@@ -9,6 +9,7 @@ extern "C" {
 #include "body.h"
 }
 
+#include <string>
 #include <vector>
 
 namespace inertiad {
@@ -26,8 +27,8 @@ struct BatchSettings {
     bool is_payload_known = false;  ///< mass differences between groups are data
     std::vector<bool> is_free;      ///< of each xi; empty: all
     double theta_prior = 1.0;       ///< factor on the prior sigmas of theta
-    int n_weight_steps = 4;         ///< steps after which V_run is left alone; 0: the configured covariance holds
-    int n_steps_max = 20;
+    bool is_weight_learnt = true;   ///< V_run from the residuals; false: the configured covariance holds
+    int n_steps_max = 80;
 };
 
 /// What a group's data say about its body, about P.
@@ -38,26 +39,42 @@ struct BatchBody {
     ipe_body_t body;          ///< of theta_possible
     bool is_consistent;
     double distance;          ///< Mahalanobis squared, theta to theta_possible
+    ipe_body_t prior;         ///< its standard deviations are the prior's
     bool observable[IPE_NP];  ///< of mass, CoG, inertia about it: sigma at most half the prior's
 };
 
 /// How well a run agrees.
 struct BatchFit {
     std::size_t n_rows, n_windows, n_rest;
-    Vector6 rms;        ///< of the windows' residual, N, N m
-    Vector6 noise_std;  ///< root of the diagonal of V_run
+    Vector6 rms;              ///< of the windows' residual, N, N m
+    Vector6 noise_std;        ///< root of the diagonal of V_run
+    double correlation_time;  ///< s: long-run variance over variance, in windows' steps; of the worst channel
+    double n_lags;            ///< bandwidth of the long-run variance, windows
+};
+
+/// What a stretch of a run contributes to the equations at the solution, scaled by prior sigmas.
+struct BatchBlock {
+    int run;
+    double begin, end;  ///< s since the run's first row: middle of the first and the last window
+    std::size_t n_windows;
+    Eigen::MatrixXd H;  ///< A^T A [n][n]
+    Eigen::VectorXd g;  ///< A^T b [n]
 };
 
 struct BatchResult {
-    std::vector<BatchBody> body;  ///< by group
-    std::vector<BatchFit> fit;    ///< by run
-    Eigen::VectorXd xi;           ///< corrections to the configured calibration
-    Eigen::VectorXd xi_std;       ///< published
-    Eigen::MatrixXd P;            ///< published covariance of all theta (about the IMU), the free xi, the attachments
-    Eigen::VectorXd prior_std;    ///< of the same unknowns
-    std::vector<int> free;        ///< indices of the free xi
+    std::vector<BatchBody> body;    ///< by group
+    std::vector<BatchFit> fit;      ///< by run
+    Eigen::VectorXd xi;             ///< corrections to the configured calibration
+    Eigen::VectorXd xi_std;         ///< published
+    Eigen::MatrixXd P;              ///< published covariance of all theta (about the IMU), the free xi, the attachments
+    Eigen::VectorXd prior_std;      ///< of the same unknowns
+    std::vector<int> free;          ///< indices of the free xi
+    std::vector<BatchBlock> block;  ///< all windows, in order
+    Eigen::MatrixXd H_prior;        ///< of priors, known mass differences and sensor means; scaled as the blocks
     int n_steps;
-    double last_step;             ///< largest change of the last step in posterior sigmas
+    double last_step;               ///< largest change of the next step in posterior sigmas
+    bool is_converged;
+    std::string refused;  ///< why the last trial step was refused by the configuration's ranges; empty: it was not
 };
 
 }  // namespace inertiad

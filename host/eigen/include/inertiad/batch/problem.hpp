@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The unknowns of a batch and one Gauss-Newton step.
+/// The unknowns of a batch, and its equations at one point.
 #pragma once
 
 #include "drift.hpp"
 #include "equations.hpp"
+#include "long_run.hpp"
 #include "triangle.hpp"
 
 extern "C" {
@@ -19,12 +20,13 @@ extern "C" {
 
 namespace inertiad::detail {
 
-constexpr double COMMON_GAIN = 1e-6;      // share of its sigma that a gain common to all force sensors may take
-constexpr double SPEED_STD = 0.05;        // m/s, of the vertical speed's change over a run: chosen as a tracker's
-constexpr int STEPS_BEFORE_WIDENING = 2;  // the noise is known from then on
-constexpr double IMPLAUSIBLE = 3.0;       // sigmas, as in firmware/core/filter_states.c
-constexpr double LEAST_TOLD = 0.01;       // of a prior's variance, as there
-constexpr double GYRO_FLOOR = 1e-6;       // rad/s: chosen under the bias stability of any MEMS gyro
+constexpr double BLOCK_LENGTH = 1.0;  // s, at least: two windows and more
+constexpr int BLOCKS_MAX = 48;        // of a run: chosen, a fiftieth of it locates a change well enough
+constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
+constexpr double SPEED_STD = 0.05;    // m/s, of the vertical speed's change over a run: chosen as a tracker's
+constexpr double IMPLAUSIBLE = 3.0;   // sigmas, as in firmware/core/filter_states.c
+constexpr double LEAST_TOLD = 0.01;   // of a prior's variance, as there
+constexpr double GYRO_FLOOR = 1e-6;   // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
 /// the equations.
@@ -145,19 +147,26 @@ struct Problem {
         return found;
     }
 
-    /// V of a run from its residuals, drift taken out of them by what V was so far.
-    Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before) const
+    /// V of a run from its residuals, wander taken out of them by what V was so far; how correlated they are goes to of.
+    Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before,
+                              BatchFit& of) const
     {
         Drift drift(config.c(), !free.empty(), 1);
         std::vector<Column6> innovation;
-        Column6 explained = Column6::Zero();
+        Column6 explained = Column6::Zero(), sum_squares = Column6::Constant(1e-300);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
             explained +=
                 drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V_before, e).diagonal();
             innovation.push_back(std::sqrt(6.0 / (6.0 - static_cast<double>(measured.by_unknown[k].cols()))) * e);
+            sum_squares += innovation.back().cwiseAbs2();
         }
-        return run_covariance(config, run.window, innovation, explained);
+        const std::size_t L = bandwidth<6>(run.window, innovation);
+        const Square6 sum = long_run_sum<6>(run.window, innovation, L);
+        const double hop = run.window.empty() ? 0.0 : 0.25 * run.window.front().length;
+        of.correlation_time = hop * std::max(1.0, (sum.diagonal().array() / sum_squares.array()).maxCoeff());
+        of.n_lags = static_cast<double>(L);
+        return run_covariance(config, sum, run.window.size(), explained);
     }
 
     /// The run's rows as independent ones of unit variance.
@@ -173,12 +182,15 @@ struct Problem {
         return scaled(measured.rows);
     }
 
-    /// Independent values in the band that the long-run variance is made of: its Bartlett weights count for 2/3 of their length.
-    double n_independent(const std::vector<BatchFit>& of) const
+    /// Independent values that the long-run variances are made of: Bartlett weights count for 2/3 of their length.
+    static double n_independent(const std::vector<BatchFit>& of)
     {
-        double n_windows = PRIOR_WINDOWS;
-        for (const BatchFit& f : of) { n_windows += static_cast<double>(f.n_windows); }
-        return 6.0 * n_windows / (2.0 / 3.0 * (IPE_NOISE_LAGS + 1));
+        double n = 0.0;
+        for (const BatchFit& f : of) {
+            const double L = f.n_windows > 0 ? std::max(1.0, f.n_lags) : 1.0;
+            n += 6.0 * (PRIOR_WINDOWS + static_cast<double>(f.n_windows)) / (2.0 / 3.0 * (L + 1.0));
+        }
+        return n;
     }
 
     Eigen::MatrixXd scaled(Eigen::MatrixXd Ab) const
@@ -242,18 +254,18 @@ struct Problem {
         return is_implausible ? std::abs(xi[i]) * variance / told : used_std[i];
     }
 
-    void widen_priors()
+    /// Widen the priors of xi that are implausible. True: one was.
+    bool widen_priors()
     {
-        for (const int i : free) {
-            const double std = prior_std(i);
-            if (std > used_std[i]) { widened_at = n_steps; }
-            used_std[i] = std::max(std, used_std[i]);
-        }
+        const Eigen::VectorXd before = used_std;
+        for (const int i : free) { used_std[i] = std::max(prior_std(i), used_std[i]); }
+        return used_std != before;
     }
 
-    /// Priors of theta and xi, and known mass differences.
+    /// Priors of theta and xi, known mass differences, and the gains' zero sum.
     Eigen::MatrixXd prior() const
     {
+        const Eigen::MatrixXd common = common_gain_row();
         const int n_known = settings.is_payload_known ? n_groups - 1 : 0;
         Eigen::MatrixXd Ab = Eigen::MatrixXd::Zero(n + n_known, n + 1);
         for (int g = 0; g < n_groups; ++g) {
@@ -278,7 +290,9 @@ struct Problem {
             Ab(n + g - 1, n) =
                 (settings.payload[at] - settings.payload[0] - theta[at][0] + theta[0][0]) / settings.payload_std;
         }
-        return scaled(Ab);
+        Eigen::MatrixXd all(Ab.rows() + common.rows(), n + 1);
+        all << scaled(Ab), common;
+        return all;
     }
 
     /// Mean difference between the gyro and the change of attitude: the gyro's bias, three rows; none where it is not free.
@@ -300,7 +314,7 @@ struct Problem {
         for (const Eigen::Vector3d& v : d) { mean += v / static_cast<double>(d.size()); }
         for (Eigen::Vector3d& v : d) { v -= mean; }
         const double count = static_cast<double>(d.size());
-        const double variance = long_run_sum<3>(kept, d).trace() / 3.0 / (count * count);
+        const double variance = long_run_sum<3>(kept, d, IPE_NOISE_LAGS).trace() / 3.0 / (count * count);
         const double std = std::sqrt(std::max(variance, 0.0) + GYRO_FLOOR * GYRO_FLOOR);
         const double* q = config.c().imu_orientation;
         const Eigen::Matrix3d R_PI = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
@@ -334,6 +348,16 @@ struct Problem {
         return scaled(Ab);
     }
 
+    /// What a run's means say of its motion sensors: gyro_rows() and gravity_rows().
+    Eigen::MatrixXd mean_rows(const std::vector<ipe_average_t>& window, Derived derived) const
+    {
+        const Eigen::MatrixXd gyro = gyro_rows(window);
+        const Eigen::MatrixXd gravity = derived.force ? Eigen::MatrixXd(0, n + 1) : gravity_rows(window);
+        Eigen::MatrixXd Ab(gyro.rows() + gravity.rows(), n + 1);
+        Ab << gyro, gravity;
+        return Ab;
+    }
+
     Eigen::RowVectorXd gravity_row(const std::vector<ipe_average_t>& window, std::size_t first, std::size_t end,
                                    Eigen::Index scale_at, Eigen::Index bias_at) const
     {
@@ -359,51 +383,134 @@ struct Problem {
         return row;
     }
 
-    /// One Gauss-Newton step. Returns its largest size in posterior sigmas.
-    double step(bool is_weight_renewed)
+    /// The equations of all runs at the present point.
+    struct Pass {
+        explicit Pass(Eigen::Index n) : weighted(n), renewed(n) {}
+        Triangle weighted;  ///< under the weights as they are
+        Triangle renewed;   ///< under V, learnt from the residuals at this point
+        std::vector<Square6> V;
+        std::vector<BatchFit> fit;
+        std::vector<ipe_eiv_correction_t> eiv_correction;
+        double weight_change = 0.0;  ///< largest relative change of a standard deviation, weights to V
+    };
+
+    /// Throws std::invalid_argument where the calibration leaves its ranges, std::domain_error where a cable vanishes.
+    Pass pass() const
     {
-        Triangle triangle(n);
-        const std::vector<BatchFit> before = std::exchange(fit, {});
+        Pass p(n);
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
             RunWindows run = windows_under(config, corrected, runs[r], xi);
-            const Eigen::MatrixXd gyro = gyro_rows(run.window);
-            const Eigen::MatrixXd gravity =
-                runs[r].derived.force ? Eigen::MatrixXd(0, n + 1) : gravity_rows(run.window);
+            const Eigen::MatrixXd means = mean_rows(run.window, runs[r].derived);
             gate_rest(config, run);
             const Equations measured = equations(run, runs[r], corrected);
-            if (is_weight_renewed) {
-                V[r] = (1.0 + n_observed / n_independent(before)) * learnt_covariance(run, measured, V[r]);
+            BatchFit of = fit_of(run, r, measured);
+            const double loss = n_observed / std::max(n_independent(fit), 1.0);
+            p.V.push_back((1.0 + loss) * learnt_covariance(run, measured, V[r], of));
+            const Column6 ratio = p.V[r].diagonal().cwiseQuotient(V[r].diagonal()).cwiseSqrt();
+            p.weight_change = std::max(p.weight_change, (ratio.array() - 1.0).abs().maxCoeff());
+            if (!run.window.empty()) {
+                p.weighted.add(whitened(run, measured, V[r]));
+                p.renewed.add(whitened(run, measured, p.V[r]));
             }
-            note(run, r, measured);
-            if (!run.window.empty()) { triangle.add(whitened(run, measured, V[r])); }
-            if (gyro.rows() > 0) { triangle.add(gyro); }
-            if (gravity.rows() > 0) { triangle.add(gravity); }
+            if (means.rows() > 0) { p.weighted.add(means), p.renewed.add(means); }
+            p.eiv_correction.push_back(eiv_correction_of(run, runs[r].derived));
+            p.fit.push_back(of);
         }
-        if (++n_steps > STEPS_BEFORE_WIDENING) { widen_priors(); }
-        triangle.add(prior());
-        if (has_common_gain()) { triangle.add(common_gain_row()); }
-        const Eigen::VectorXd u = triangle.solve();
-        const Eigen::MatrixXd unit = triangle.covariance();
-        P = scale.asDiagonal() * unit * scale.asDiagonal();
-        n_observed = static_cast<double>(n) - unit.trace();
-        move(scale.cwiseProduct(u));
-        return (u.array().abs() / unit.diagonal().array().sqrt()).maxCoeff();
+        p.weighted.add(prior());
+        p.renewed.add(prior());
+        return p;
     }
 
-    void note(const RunWindows& run, std::size_t r, const Equations& measured)
+    static ipe_eiv_correction_t eiv_correction_of(const RunWindows& run, const Derived& derived)
     {
-        eiv_correction[r] = {};
-        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&eiv_correction[r], &a, 1.0); }
-        if (runs[r].derived.force) { std::fill_n(eiv_correction[r].sum, 3, 0.0F); }  // smoothed in Y instead
-        if (runs[r].derived.rate) { std::fill_n(eiv_correction[r].sum + 3, 3, 0.0F); }
+        ipe_eiv_correction_t sum = {};
+        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&sum, &a, 1.0); }
+        if (derived.force) { std::fill_n(sum.sum, 3, 0.0F); }  // smoothed in Y instead
+        if (derived.rate) { std::fill_n(sum.sum + 3, 3, 0.0F); }
+        return sum;
+    }
+
+    BatchFit fit_of(const RunWindows& run, std::size_t r, const Equations& measured) const
+    {
         Vector6 sum = Vector6::Zero();
         const std::size_t n_windows = run.window.size();
         for (std::size_t k = 0; k < n_windows; ++k) { sum += measured.residual(k).cwiseAbs2(); }
         const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
-        fit.push_back({runs[r].rows->size(), n_windows, n_rest,
-                       (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt(),
-                       V[r].diagonal().cwiseSqrt()});
+        BatchFit of{};
+        of.n_rows = runs[r].rows->size(), of.n_windows = n_windows, of.n_rest = n_rest;
+        of.rms = (sum / std::max<double>(1.0, static_cast<double>(n_windows))).cwiseSqrt();
+        of.noise_std = V[r].diagonal().cwiseSqrt();
+        return of;
+    }
+
+    /// The point of the pass is the present one: take its weights, if wanted, and its covariance.
+    void take(const Pass& p, bool is_weight_renewed)
+    {
+        if (is_weight_renewed) { V = p.V; }
+        fit = p.fit;
+        for (std::size_t r = 0; r < fit.size(); ++r) { fit[r].noise_std = V[r].diagonal().cwiseSqrt(); }
+        eiv_correction = p.eiv_correction;
+        const Triangle& triangle = is_weight_renewed ? p.renewed : p.weighted;
+        const Eigen::MatrixXd unit = triangle.covariance();
+        P = scale.asDiagonal() * unit * scale.asDiagonal();
+        n_observed = static_cast<double>(n) - unit.diagonal().cwiseQuotient(prior_variance()).sum();
+    }
+
+    /// Prior variances of the unknowns in the present step, of the scale's squares: widened ones are above 1.
+    Eigen::VectorXd prior_variance() const
+    {
+        Eigen::VectorXd found = Eigen::VectorXd::Ones(n);
+        for (std::size_t i = 0; i < free.size(); ++i) {
+            const double ratio = used_std[free[i]] / std_xi[free[i]];
+            found[IPE_NP * n_groups + static_cast<Eigen::Index>(i)] = ratio * ratio;
+        }
+        return found;
+    }
+
+    /// Where the unknowns are.
+    struct Point {
+        std::vector<Theta> theta;
+        Eigen::VectorXd xi, geometry;
+    };
+    Point point() const { return {theta, xi, geometry}; }
+    void go_to(const Point& p) { theta = p.theta, xi = p.xi, geometry = p.geometry; }
+
+    /// What each stretch of the runs contributes at the present point, under the present weights.
+    void blocks(std::vector<BatchBlock>& block, Eigen::MatrixXd& H_prior) const
+    {
+        const Config corrected = calibrated(config, xi);
+        const Eigen::MatrixXd Ab = prior();
+        H_prior = Ab.leftCols(n).transpose() * Ab.leftCols(n);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            RunWindows run = windows_under(config, corrected, runs[r], xi);
+            const Eigen::MatrixXd means = mean_rows(run.window, runs[r].derived);
+            H_prior += means.leftCols(n).transpose() * means.leftCols(n);
+            gate_rest(config, run);
+            if (!run.window.empty()) { cut(run, r, whitened(run, equations(run, runs[r], corrected), V[r]), block); }
+        }
+    }
+
+    /// A run's whitened rows as blocks of equal length.
+    void cut(const RunWindows& run, std::size_t r, const Eigen::MatrixXd& rows, std::vector<BatchBlock>& block) const
+    {
+        const int64_t first = run.window.front().t_ns, start = runs[r].rows->front().t_ns;
+        const double duration = 1e-9 * static_cast<double>(run.window.back().t_ns - first);
+        const double length = std::max(BLOCK_LENGTH, duration / (BLOCKS_MAX - 1));
+        int64_t now = -1;
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            const double t = 1e-9 * static_cast<double>(run.window[k].t_ns - start);
+            const auto at = static_cast<int64_t>(1e-9 * static_cast<double>(run.window[k].t_ns - first) / length);
+            if (at != now) {
+                block.push_back({static_cast<int>(r), t, t, 0, Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)});
+                now = at;
+            }
+            BatchBlock& b = block.back();
+            const auto A = rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            b.H.noalias() += A.leftCols(n).transpose() * A.leftCols(n);
+            b.g.noalias() += A.leftCols(n).transpose() * A.col(n);
+            b.end = t, ++b.n_windows;
+        }
     }
 
     void move(const Eigen::VectorXd& dz)
@@ -420,7 +527,6 @@ struct Problem {
     const BatchSettings& settings;
     int n_groups, at_geometry = 0, n_geometry = 0, n = 0;
     std::vector<int> free;
-    int n_steps = 0, widened_at = 0;  ///< steps taken; the last that began with wider priors
     Eigen::VectorXd std_xi, used_std, scale, xi, geometry;
     std::vector<Theta> prior_mean, theta;
     std::vector<Eigen::MatrixXd> prior_rows;
@@ -428,7 +534,7 @@ struct Problem {
     std::vector<Square6> V;
     std::vector<ipe_eiv_correction_t> eiv_correction;  ///< of the runs' regressors
     double n_observed =
-        0.0;  ///< unknowns that the data tell, and so fit to their noise; a prior that stays counts for none
+        0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;
     Eigen::MatrixXd P;
 };

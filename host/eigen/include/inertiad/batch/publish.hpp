@@ -36,6 +36,7 @@ inline BatchBody publish_body(const Problem& problem, int group)
     b.theta_possible = Eigen::Map<const Theta>(e.theta);
     b.P = Eigen::Map<const Covariance>(&e.covariance[0][0]);
     b.body = e.body;
+    b.prior = problem.prior_std_body[g];
     b.is_consistent = e.consistent;
     b.distance = e.distance;
     std::copy_n(e.observable, IPE_NP, b.observable);

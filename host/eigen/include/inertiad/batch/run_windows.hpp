@@ -55,34 +55,15 @@ inline RunWindows windows_under(const Config& config, const Config& corrected, c
     return {windows_of(corrected, corrected_rows(config, corrected, xi, *run.rows, run.derived)), {}};
 }
 
-/// Long-run second moment of a series of vectors, Bartlett weights, products across gaps left out; a sum over windows.
-template <int N>
-Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& window,
-                                         const std::vector<Eigen::Matrix<double, N, 1>>& e)
-{
-    Eigen::Matrix<double, N, N> sum = Eigen::Matrix<double, N, N>::Zero();
-    for (std::size_t k = 0; k < e.size(); ++k) {
-        Eigen::Matrix<double, N, 1> past = 0.5 * e[k];
-        for (std::size_t lag = 1; lag <= std::min<std::size_t>(IPE_NOISE_LAGS, k); ++lag) {
-            if (!follows(window, k, lag)) { break; }
-            past += (1.0 - static_cast<double>(lag) / (IPE_NOISE_LAGS + 1)) * e[k - lag];
-        }
-        sum += e[k] * past.transpose() + past * e[k].transpose();
-    }
-    return sum;
-}
-
-/// V_run from the innovations, the part of their variance that drift explains [6], as a sum, and, counting for 3 windows,
-/// the configured covariance.
-inline Square6 run_covariance(const Config& config, const std::vector<ipe_average_t>& window,
-                              const std::vector<Column6>& e, const Column6& explained)
+/// V_run from the innovations' long-run sum, the part of their variance that drift explains [6], as a sum, and, counting
+/// for 3 windows, the configured covariance.
+inline Square6 run_covariance(const Config& config, const Square6& sum, std::size_t n_windows, const Column6& explained)
 {
     const Square6 C = Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]);
-    const Square6 sum = long_run_sum<6>(window, e);
     Square6 V = C;
     for (int i = 0; i < 6; ++i) {
         const double left = std::max({sum(i, i) - explained[i], LEAST_NOISE * sum(i, i), 0.0});
-        const double learnt = (PRIOR_WINDOWS * C(i, i) + left) / (PRIOR_WINDOWS + static_cast<double>(e.size()));
+        const double learnt = (PRIOR_WINDOWS * C(i, i) + left) / (PRIOR_WINDOWS + static_cast<double>(n_windows));
         const double scale = std::sqrt(std::max(learnt / C(i, i), NOISE_FLOOR));
         V.row(i) *= scale;
         V.col(i) *= scale;
