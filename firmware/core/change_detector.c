@@ -83,8 +83,10 @@ static double restless_nis(const ipe_change_detector_t* d, const ipe_change_dete
     return knows_noise(d, w) ? DRIFT * fmax(d->level, LEVEL_MIN) : DRIFT * IPE_NY;
 }
 
+/// Not at the start, where there is nothing to compare with.
 static bool is_suspicious(ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
 {
+    if (!knows_noise(d, w) && d->n_level < LEVEL_WINDOWS) { return false; }
     const double limit = (knows_noise(d, w) ? 1.0 : UNKNOWN_NOISE) * IPE_CHANGE_DETECTOR_NIS_LIMIT;
     d->cusum = knows_noise(d, w) ? fmax(0.0, d->cusum + w->nis - restless_nis(d, w)) : 0.0;
     return w->nis > limit || d->cusum > CUSUM_LIMIT * fmax(d->level, LEVEL_MIN);
