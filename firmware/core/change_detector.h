@@ -11,7 +11,7 @@
 /// While the load moves, the body after begins anew with each window; within a second of a change, a suspicion is the same
 /// change going on: the parameters are loosened again at once. A push or friction is no step of a body: a body
 /// explains one of the three components of force and two of the moment's, and explains them window after window.
-/// Source: firmware/DESIGN.md, "Change"; Page, Biometrika 41, 1954. 1 KB of state, 10 ns, in a contest 20 us; one thread.
+/// Source: firmware/DESIGN.md, "Change"; Page, Biometrika 41, 1954. 2 KB of state, 10 ns, in a contest 20 us; one thread.
 #ifndef IPE_CHANGE_DETECTOR_H
 #define IPE_CHANGE_DETECTOR_H
 

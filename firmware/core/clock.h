@@ -19,17 +19,17 @@ enum { IPE_CLOCK_POINTS = 64 };
 #define IPE_CLOCK_RATE_SPAN 5.0  // s, min_rate_span of a clock that runs true to some 100 ppm
 
 typedef struct {
-    double wrap;           ///< s after which device time starts again at 0; 0: never
+    double wrap;              ///< s after which device time starts again at 0; 0: never
     bool is_started;
-    bool is_settled;       ///< stamps kept the device's pace, or the line has stood still: mapped times can be used
-    int64_t settled_ns;    ///< host time from which on that is so
-    double min_rate_span;  ///< s of device time from which on the rate is measured; below it is taken as 1
-    double last_raw;       ///< s, device time as last given
-    double unwrapped;      ///< s added by wraps so far
-    double device_0;       ///< s, origin of device in point
-    int64_t host_0_ns;     ///< origin of host in point
+    bool is_settled;          ///< stamps kept the device's pace, or the line has stood still: mapped times can be used
+    int64_t settled_ns;       ///< host time from which on that is so
+    double min_rate_span;     ///< s of device time from which on the rate is measured; below it is taken as 1
+    double last_raw;          ///< s, device time as last given
+    double unwrapped;         ///< s added by wraps so far
+    double device_0;          ///< s, origin of device in point
+    int64_t host_0_ns;        ///< origin of host in point
     struct {
-        double device, host;    ///< s since the origins
+        double device, host;  ///< s since the origins
     } point[IPE_CLOCK_POINTS];  ///< earliest arrival of each block, oldest first
     int n_points;
     double block;               ///< s of device time per block

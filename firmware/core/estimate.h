@@ -40,7 +40,7 @@ typedef struct {
     double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
     double nis;          ///< normalised innovation squared of the last window
     uint64_t n_changes;  ///< payload changes noticed so far
-    bool is_misfit;      ///< held: neither this body nor another explains the windows of the last 5 s; the sigmas are wider
+    bool is_misfit;  ///< held: neither this body nor another explains the windows of the last 5 s; the sigmas are wider
 } ipe_estimate_t;
 
 /// Apply the rules above. Writes theta, covariance, body, consistent, distance and observable of e; the rest is the caller's.

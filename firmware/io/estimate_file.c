@@ -72,10 +72,16 @@ static void put_systematic(text_t* t, const ipe_estimate_t* e, const ipe_config_
     const struct {
         const char* name;
         const double* value;
+        int count;
     } configured[] = {
-        {"attitude_bias", k->attitude_bias}, {"world_yaw", &k->world_yaw},       {"acc_bias", k->acc_bias},
-        {"gyro_bias", k->gyro_bias},         {"force_offset", k->force_offset},  {"force_gain", k->force_gain},
-        {"imu_position", k->imu_position},   {"tracker_target", k->tracker_target},
+        {"attitude_bias", k->attitude_bias, 3},
+        {"world_yaw", &k->world_yaw, 1},
+        {"acc_bias", k->acc_bias, 3},
+        {"gyro_bias", k->gyro_bias, 3},
+        {"force_offset", k->force_offset, k->n_cables},
+        {"force_gain", k->force_gain, k->n_cables},
+        {"imu_position", k->imu_position, 3},
+        {"tracker_target", k->tracker_target, 3},
     };
     int n_kinds, first = 0;
     const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n_kinds);
@@ -87,7 +93,7 @@ static void put_systematic(text_t* t, const ipe_estimate_t* e, const ipe_config_
         memcpy(value, &e->systematic[at], sizeof(double) * (size_t)count);
         for (size_t i = 0; i < sizeof configured / sizeof configured[0]; ++i) {
             if (strcmp(configured[i].name, kind->name) != 0) { continue; }
-            for (int j = 0; j < count; ++j) { value[j] += configured[i].value[j]; }
+            for (int j = 0; j < configured[i].count; ++j) { value[j] += configured[i].value[j]; }
         }
         put_quantity(t, kind->name, value, &e->systematic_std[at], count);
     }

@@ -96,7 +96,7 @@ static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, 
 
 static void send_order(ipe_publish_t* p)
 {
-    if (p->n_items == 0) { return; }
+    if (p->n_items < 1 || p->n_items > IPE_PUBLISH_ITEMS) { return; }  // none; more there never are
     const inertiad_lcm_order_t message = {.sequence = p->sequence[IPE_PUBLISH_ORDER],
                                           .t_ns = p->item[p->n_items - 1].t_ns,
                                           .n_dropped = (int64_t)p->n_items_failed,

@@ -11,6 +11,7 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
 
 import scenes  # noqa: E402
+
 from inertiad.robot import description, systematic  # noqa: E402
 
 LATE = 0.025  # s

@@ -196,8 +196,7 @@ static void test_init_systematic_std_not_positive_is_refused(void)
     const double bad[2] = {1.0, 0.0};  // given, when, then
     TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG, ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, 2, bad));
     TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG, ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, -1, bad));
-    TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG,
-                          ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, XI_MAX + 1, bad));
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_CONFIG, ipe_rls_init(&rls, x0, (const double (*)[IPE_NP])P0, XI_MAX + 1, bad));
 }
 
 static void test_update_equals_batch_least_squares_with_prior(void)

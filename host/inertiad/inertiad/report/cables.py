@@ -173,11 +173,13 @@ def check(model: Model, estimate: Estimate, noise: Array, recordings: list[Recor
     size, m = platform_size(model.robot), model.robot.n_cables
     theta = inertiad_core.shift(estimate.theta, -np.array(model.robot.imu.position))
     equations = _equations(model, noise, theta, recordings)
-    everything = _rms(equations.solve(None)[2], noise, size, 6)
+    e = equations.solve(None)[2]
+    everything = _rms(e, noise, size, 6)
     without = np.array([_rms(_without(equations, i)[2], noise, size, 5) for i in range(m)])
     rms = np.sqrt(np.mean(tension**2, axis=0))
     broken = _broken(without, everything)
     if broken is None:
         return ForceCheck(rms, without, everything, None)
-    cleaner = _equations(model, noise * without[broken] / everything, theta, recordings)
+    unexplained = max(1.0, float(np.sqrt(np.mean(e**2))))  # over 1 where the fit went on without a failed sensor
+    cleaner = _equations(model, noise * unexplained * without[broken] / everything, theta, recordings)
     return ForceCheck(rms, without, everything, broken, *_found(model, cleaner, broken))

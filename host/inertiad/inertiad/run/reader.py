@@ -233,10 +233,17 @@ def read_as(path: Path, robot: Robot) -> Recording:
         lost = ", ".join(
             f"{k} {v}" for k, v in run.counters.items() if v and k.split(".")[0] in ("decode", "group", "align")
         )
+        hint = "; positions are out of the cables' reach: is the tracker in mm?" if _is_out_of_reach(run) else ""
         raise InputError(
-            f"{path}: no sample is whole: forces, attitude and position at one time ({lost or 'no overlap'})"
+            f"{path}: no sample is whole: forces, attitude and position at one time ({lost or 'no overlap'}){hint}"
         )
     return run
+
+
+def _is_out_of_reach(run: Recording) -> bool:
+    """Most positions were refused because the cables do not reach there."""
+    refused = run.counters.get("align.position.unreachable", 0)
+    return refused > run.counters.get("align.position.samples", 0)
 
 
 def part(recording: Recording, begin: float, end: float) -> Recording:
