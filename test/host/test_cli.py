@@ -74,6 +74,16 @@ def test_compile_writes_what_the_core_reads(inertiactl, tmp_path):
     assert inertiad_core.Config((tmp_path / "robot.cfg").read_bytes()).n_cables == 8
 
 
+def test_an_estimate_without_sigma_is_read(tmp_path):
+    file = tmp_path / "two_steps.json"
+    none = {"mass": None, "cog": [None] * 3, "inertia_cog": [None] * 6}
+    value = {"mass": 2.0, "cog": [0.1, 0.2, 0.3], "inertia_cog": [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]}
+    file.write_text(json.dumps({key: {"value": value[key], "std": none[key]} for key in value}))
+    found = body.read(file)
+    assert found.value[:2] == (2.0, 0.1)
+    assert np.isnan(found.std).all()
+
+
 @pytest.mark.slow
 def test_simulate_then_compile_the_run(inertiactl, tmp_path):
     run = tmp_path / "run"

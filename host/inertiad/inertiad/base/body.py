@@ -19,13 +19,14 @@ class Body:
 
     value: tuple[float, ...]
     std: tuple[float, ...]
-    """one standard deviation each; zeros for a truth"""
+    """one standard deviation each; zeros for a truth, NaN where the method gives none"""
 
 
-def _ten(data: dict[str, Any], path: Path) -> list[float]:
+def _ten(data: dict[str, Any], path: Path, may_lack: bool = False) -> list[float]:
+    """The ten values; may_lack: null is NaN."""
     try:
         values = [data["mass"], *data["cog"], *data["inertia_cog"]]
-        ten = [float(v) for v in values]
+        ten = [float("nan") if v is None and may_lack else float(v) for v in values]
     except (KeyError, TypeError, ValueError):
         raise InputError(f"{path}: allowed: mass, cog with 3 and inertia_cog with 6 numbers") from None
     if len(ten) != len(NAMES):
@@ -41,7 +42,7 @@ def read(path: Path) -> Body:
         std = {key: data[key]["std"] for key in KEYS}
     except (KeyError, TypeError):
         raise InputError(f'{path}: allowed: {", ".join(KEYS)}, each with "value" and "std"') from None
-    return Body(tuple(_ten(value, path)), tuple(_ten(std, path)))
+    return Body(tuple(_ten(value, path)), tuple(_ten(std, path, may_lack=True)))
 
 
 def read_truth(path: Path) -> Body:

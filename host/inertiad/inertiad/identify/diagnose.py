@@ -252,6 +252,12 @@ def _gravity(robot: Robot, run: Recording) -> list[str]:
     ]
 
 
+def _is_attitude_noisy(gyro: Array, turned: Array) -> bool:
+    """An AHRS that follows acceleration turns too much: only the gyro over its rate falls below 1. [N, 3], rad/s."""
+    common, square = float((gyro * turned).sum()), float((gyro * gyro).sum())
+    return abs(common - square) < 0.3 * square and common**2 > 0.4 * square * float((turned * turned).sum())
+
+
 def _gyro_unit(run: Recording) -> list[str]:
     rows = run.rows
     q = Rotation.from_quat(rows.q, scalar_first=True)
@@ -266,7 +272,7 @@ def _gyro_unit(run: Recording) -> list[str]:
         return []
     middle = rows.gyro[step // 2 : step // 2 + len(turned)]
     slope = float((middle * turned).sum() / (turned * turned).sum())
-    if abs(slope - 1.0) < 0.3:
+    if abs(slope - 1.0) < 0.3 or _is_attitude_noisy(middle, turned):
         return []
     if abs(slope / np.rad2deg(1.0) - 1.0) < 0.3:
         return [f"{run.path}: the gyro is {slope:.1f} times the rate of the attitude: is it in deg/s?"]
