@@ -17,6 +17,8 @@ from inertiad.robot import configuration, description
 from inertiad.run import lcmlog
 from inertiad_lcm import command_t, estimate_t, event_t, robot_config_t
 
+pytestmark = pytest.mark.slow
+
 DAEMON = TOP / "build/bin/inertiad"
 SETTINGS = "[estimator]\nestimate_rate = 20\nmemory = 600\n"
 

@@ -18,6 +18,8 @@ from inertiad.robot import configuration, description
 from inertiad.run import lcmlog
 from inertiad_lcm import event_t, health_t, host_t
 
+pytestmark = pytest.mark.slow
+
 DAEMON = TOP / "build/bin/inertiad"
 
 

@@ -23,6 +23,8 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
 import scenes  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 
 def _invoke(*arguments: object) -> Any:
     return CliRunner().invoke(app, [*map(str, arguments)])

@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from conftest import COGIRO, TOP
 
+pytestmark = pytest.mark.slow
+
 FRAME = struct.pack("=IBBBB64s", 0x123, 8, 0, 0, 0, bytes(64))
 PORT = 29501  # of vcan0
 
