@@ -12,33 +12,19 @@ void ipe_body_step_start(ipe_body_step_t* s)
     memset(s, 0, sizeof *s);
 }
 
-/// v = A^-1 v for a lower triangular A.
-static void substitute(const double A[IPE_NY][IPE_NY], double v[IPE_NY])
-{
-    for (int i = 0; i < IPE_NY; ++i) {
-        for (int k = 0; k < i; ++k) { v[i] -= A[i][k] * v[k]; }
-        v[i] /= A[i][i];
-    }
-}
-
 bool ipe_body_step_add(ipe_body_step_t* s, const double Y[IPE_NY][IPE_NP], const double innovation[IPE_NY],
                        const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY])
 {
     double V[IPE_NY][IPE_NY], e[IPE_NY], G[IPE_NP][IPE_NY];
-    for (int i = 0; i < IPE_NY; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            V[i][j] = S[i][j];
-            for (int k = 0; k <= j; ++k) { V[i][j] += L[i][k] * L[j][k]; }
-        }
-    }
-    if (!all_finite(innovation, IPE_NY) || !all_finite(&Y[0][0], IPE_NY * IPE_NP) || !cholesky(&V[0][0], IPE_NY)) {
+    if (!all_finite(innovation, IPE_NY) || !all_finite(&Y[0][0], IPE_NY * IPE_NP) ||
+        !cholesky_of_sum(&S[0][0], &L[0][0], IPE_NY, &V[0][0])) {
         return false;
     }
     memcpy(e, innovation, sizeof e);
-    substitute((const double (*)[IPE_NY])V, e);
+    substitute_forward(&V[0][0], IPE_NY, e);
     for (int p = 0; p < IPE_NP; ++p) {
         for (int j = 0; j < IPE_NY; ++j) { G[p][j] = Y[j][p]; }
-        substitute((const double (*)[IPE_NY])V, G[p]);
+        substitute_forward(&V[0][0], IPE_NY, G[p]);
     }
     for (int j = 0; j < IPE_NY; ++j) {
         for (int p = 0; p < IPE_NP; ++p) {

@@ -54,21 +54,11 @@ void ipe_change_detector_restart(ipe_change_detector_t* d)
 double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
                                const double L[IPE_NY][IPE_NY])
 {
-    double A[IPE_NY][IPE_NY];
-    for (int i = 0; i < IPE_NY; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            A[i][j] = S[i][j];
-            for (int k = 0; k <= j; ++k) { A[i][j] += L[i][k] * L[j][k]; }
-        }
-    }
-    if (!cholesky(&A[0][0], IPE_NY)) { return NAN; }
-    double z[IPE_NY], nis = 0.0;
-    for (int i = 0; i < IPE_NY; ++i) {
-        z[i] = innovation[i];
-        for (int k = 0; k < i; ++k) { z[i] -= A[i][k] * z[k]; }
-        z[i] /= A[i][i];
-        nis += z[i] * z[i];
-    }
+    double A[IPE_NY][IPE_NY], z[IPE_NY], nis = 0.0;
+    if (!cholesky_of_sum(&S[0][0], &L[0][0], IPE_NY, &A[0][0])) { return NAN; }
+    memcpy(z, innovation, sizeof z);
+    substitute_forward(&A[0][0], IPE_NY, z);
+    for (int i = 0; i < IPE_NY; ++i) { nis += z[i] * z[i]; }
     return nis;
 }
 

@@ -142,7 +142,7 @@ static void weigh(ipe_estimator_t* e, double L[IPE_NY][IPE_NY])
     ++e->n_weighted;
 }
 
-/// The noise learns from a window's innovation; one that lost a direction to an unknown force tells less than it varies by.
+/// The noise learns from a window's innovation. A direction lost to an unknown force is missing in it, so the rest is scaled.
 static void learn_noise(ipe_estimator_t* e, int n_unknown, double innovation[IPE_NY], const double S[IPE_NY][IPE_NY])
 {
     const double scale = sqrt((double)IPE_NY / (IPE_NY - n_unknown));

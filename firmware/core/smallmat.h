@@ -105,6 +105,28 @@ static inline bool cholesky(double* A, size_t n)
     return true;
 }
 
+/// Lower Cholesky factor A of S + L L^T (n x n, row-major; of S and of the lower triangular L only the lower triangles are
+/// read). The strict upper triangle of A is left as it was. False, with A spoiled, if the sum is not positive definite.
+static inline bool cholesky_of_sum(const double* S, const double* L, size_t n, double* A)
+{
+    for (size_t i = 0; i < n; ++i) {
+        for (size_t j = 0; j <= i; ++j) {
+            A[i * n + j] = S[i * n + j];
+            for (size_t k = 0; k <= j; ++k) { A[i * n + j] += L[i * n + k] * L[j * n + k]; }
+        }
+    }
+    return cholesky(A, n);
+}
+
+/// v = L^-1 v of a lower triangular L (n x n, row-major).
+static inline void substitute_forward(const double* L, size_t n, double* v)
+{
+    for (size_t i = 0; i < n; ++i) {
+        for (size_t k = 0; k < i; ++k) { v[i] -= L[i * n + k] * v[k]; }
+        v[i] /= L[i * n + i];
+    }
+}
+
 /// x = A^-1 b, given A's lower Cholesky factor L (n x n, row-major). x may be b.
 static inline void cholesky_solve(const double* L, size_t n, const double* b, double* x)
 {

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define SIGMA 1e4  // of what the equations tell of the force without it: chosen so that 1e-8 of that is left
+#define SIGMA 1e4  // of the force, over its sigma by the equations: chosen so that 1e-8 of that is left
 
 #define KERNEL_VARIANCE (1.0 / 48.0)  // of the cubic B-spline, of its length squared
 
@@ -45,37 +45,25 @@ ipe_status_t ipe_unknown_force_columns(const ipe_config_t* config, const ipe_ave
     return IPE_OK;
 }
 
-/// Lower Cholesky factor of S + L L^T.
-static bool factor_sum(const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double A[IPE_NY][IPE_NY])
-{
-    for (int i = 0; i < IPE_NY; ++i) {
-        for (int j = 0; j <= i; ++j) {
-            A[i][j] = S[i][j];
-            for (int k = 0; k <= j; ++k) { A[i][j] += L[i][k] * L[j][k]; }
-        }
-    }
-    return cholesky(&A[0][0], IPE_NY);
-}
-
-/// One cable's: w its column.
+/// Take out one cable's force; w: its column.
 static bool take_out(const double w[IPE_NY], const double S[IPE_NY][IPE_NY], double innovation[IPE_NY],
                      double y[IPE_NY], double* excess, double L[IPE_NY][IPE_NY])
 {
-    double A[IPE_NY][IPE_NY], B[IPE_NY][IPE_NY], along[IPE_NY], information = 0.0, told = 0.0;
-    if (!factor_sum(S, (const double (*)[IPE_NY])L, A)) { return false; }
+    double A[IPE_NY][IPE_NY], B[IPE_NY][IPE_NY], along[IPE_NY], information = 0.0, along_w = 0.0;
+    if (!cholesky_of_sum(&S[0][0], &L[0][0], IPE_NY, &A[0][0])) { return false; }
     cholesky_solve(&A[0][0], IPE_NY, w, along);
     for (int i = 0; i < IPE_NY; ++i) {
         information += w[i] * along[i];
-        told += innovation[i] * along[i];
+        along_w += innovation[i] * along[i];
     }
     if (!(information > 0.0)) { return false; }
     const double variance = SIGMA * SIGMA / information;
     for (int i = 0; i < IPE_NY; ++i) {
         for (int j = 0; j < IPE_NY; ++j) { B[i][j] = variance * w[i] * w[j]; }
     }
-    if (!factor_sum((const double (*)[IPE_NY])B, (const double (*)[IPE_NY])L, A)) { return false; }
+    if (!cholesky_of_sum(&B[0][0], &L[0][0], IPE_NY, &A[0][0])) { return false; }
     memcpy(L, A, sizeof A);
-    *excess = told / information;
+    *excess = along_w / information;
     for (int i = 0; i < IPE_NY; ++i) {
         innovation[i] -= *excess * w[i];
         y[i] -= *excess * w[i];
