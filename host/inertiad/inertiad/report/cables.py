@@ -180,6 +180,8 @@ def check(model: Model, estimate: Estimate, noise: Array, recordings: list[Recor
     broken = _broken(without, everything)
     if broken is None:
         return ForceCheck(rms, without, everything, None)
-    unexplained = max(1.0, float(np.sqrt(np.mean(e**2))))  # over 1 where the fit went on without a failed sensor
-    cleaner = _equations(model, noise * unexplained * without[broken] / everything, theta, recordings)
-    return ForceCheck(rms, without, everything, broken, *_found(model, cleaner, broken))
+    unexplained = float(np.sqrt(np.mean(e**2)))
+    cleaner = _equations(model, noise * max(1.0, unexplained) * without[broken] / everything, theta, recordings)
+    body, t, error = _found(model, cleaner, broken)
+    is_left_out = unexplained > 1.0  # more than the fit's noise: it went on without the failed sensor, and better
+    return ForceCheck(rms, without, everything, broken, estimate.body if is_left_out else body, t, error)
