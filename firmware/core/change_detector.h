@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Has the payload changed? The body before a suspected change and the one after it compete until one wins.
+/// Detection of a change of payload: the body before a suspected change and the one after it compete until one wins.
 ///
 ///   suspicion  the normalised innovation squared (NIS, 6 degrees of freedom) of a window exceeds 50, or
 ///              c = max(0, c + NIS - 2 level) exceeds 6 level (CUSUM); level: mean NIS of late
@@ -37,8 +37,7 @@ typedef struct {
     const double (*L)[IPE_NY];  ///< factor of the noise's covariance [6][6]
     double nis;                 ///< ipe_change_detector_nis() of these
     double mass;                ///< of the body before, kg
-    bool
-        is_noise_known;  ///< L is learnt; if not, and NIS is not small enough, a window is suspicious at four times the limit
+    bool is_noise_known;        ///< L is learnt; if not, a window is suspicious at four times the limit
 } ipe_change_detector_window_t;
 
 typedef struct {

@@ -79,9 +79,9 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
 /// Theta and P about the IMU with all that ipe_estimate_publish() needs.
 void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution);
 
-/// Is the forces' delay sure, and too large to be a linear state? Then it is added to e->force_delay, and everything else
-/// that was learnt is forgotten, since it rests on wrong instants; e->estimate stays until the next. The caller takes e->force_delay out of the forces.
-/// At most 4 times; looks once in 50 windows.
+/// Move the forces' delay out of the states where it is sure and too large to be linear: it is added to e->force_delay.
+/// Everything else that was learnt is forgotten, since it rests on wrong instants; e->estimate stays until the next one.
+/// The caller takes e->force_delay out of the forces. At most 4 times; looks once in 50 windows. True: moved.
 bool ipe_estimator_move_force_delay(ipe_estimator_t* e, const ipe_config_t* config);
 
 /// A gap: the next window does not follow the last.

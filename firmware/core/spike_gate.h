@@ -28,7 +28,7 @@ void ipe_spike_gate_init(ipe_spike_gate_t* g, int n_channels, const double* leas
 /// True: suspect, only the next sample can say. False also while learning and for r over 3, which no line reaches over.
 bool ipe_spike_gate_is_suspect(ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r);
 
-/// Was the suspect x, r after b, a spike, now that the next sample came r_next after b? No state changes.
+/// Judge the suspect x, r after b, by the next sample, r_next after b. No state changes.
 ///
 /// Channels that stepped instead, bit i for channel i: far off the line in x and still in next. 0: a spike.
 uint32_t ipe_spike_gate_stepped(const ipe_spike_gate_t* g, const double* a, const double* b, const double* x, double r,
