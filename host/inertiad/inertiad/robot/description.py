@@ -96,7 +96,6 @@ from pydantic import (
     Tag,
     model_validator,
 )
-from scipy import signal
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
@@ -223,6 +222,8 @@ class LowPass(Strict):
     @property
     def delay(self) -> float:
         """s: its group delay at frequencies far below the cut-off, the sum of -1/pole of H(s) = k / prod(s - pole)."""
+        from scipy import signal  # half a second, for the robots that have one
+
         poles = signal.besselap(self.order, norm="mag")[1] if self.kind == "bessel" else signal.buttap(self.order)[1]
         return float(-np.sum(1.0 / poles).real) / (2.0 * math.pi * self.cutoff)
 
