@@ -22,7 +22,7 @@ from inertiad.base.table import Table
 from inertiad.exchange import body_formats, convert, dataset, file_formats
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import configuration, description
-from inertiad.robot.description import Nominal, inertia_matrix
+from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import canlog, lcmlog
 from inertiad.run.canlog import CanLog
 

@@ -15,7 +15,7 @@ from inertiad.model import inverse_dynamics, trajectory
 from inertiad.model.inverse_dynamics import Mechanics
 from inertiad.model.random_errors import Dice, wander
 from inertiad.robot import configuration, description
-from inertiad.robot.description import Nominal, inertia_matrix
+from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import encode, reader
 from inertiad.simulate import bus_timing, sensor_models, simulator
 from inertiad.simulate.sensor_models import PRESETS, Faults

@@ -29,6 +29,15 @@ def progress_shown() -> Iterator[Callable[[str], None]]:
         yield lambda step: status.update(f"{step} ...")
 
 
+def write_text(output: Path, text: str) -> None:
+    """Text into a file, or to stdout for "-"."""
+    if str(output) == "-":
+        typer.echo(text.rstrip("\n"))
+    else:
+        output.write_text(text, encoding="utf-8")
+        say(f"{output}: written")
+
+
 def command_line() -> str:
     """The command as typed."""
     return shlex.join(["inertiactl", *sys.argv[1:]])

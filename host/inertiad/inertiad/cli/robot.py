@@ -21,7 +21,7 @@ def compile_command(
 ) -> None:
     """Check a robot description and its DBC files and write the daemon's configuration.
 
-    Every key of robot.toml with its default: python -m pydoc inertiad.robot.description
+    Every key of robot.toml with its range and default: inertiactl help robot.toml
     """
     from inertiad.robot import configuration, description
 

@@ -75,14 +75,19 @@ def _write_run(data: Dataset, folder: Path) -> Iterator[str]:
         yield f"{folder / 'can.log'}: {len(data.frames)} frames"
 
 
+def read_file(file: Path) -> Dataset:
+    """A file of another tool. InputError: not there, unknown ending, unusable."""
+    if not file.exists():
+        raise InputError(f"{file}: No such file or directory")
+    return _reader(file)(file)
+
+
 def import_file(file: Path, folder: Path, robot: Path | None, remarks: list[str]) -> list[str]:
     """A file of another tool -> a run folder with what of can.log, tracker.csv, signals.csv is in it.
 
     remarks: what is left out or damaged. InputError: unknown ending, unusable file, nothing of a run in it.
     """
-    if not file.exists():
-        raise InputError(f"{file}: No such file or directory")
-    data = _reader(file)(file)
+    data = read_file(file)
     if data.frames is not None:
         remarks.extend(data.frames.remarks)
     left = [name for name in data.tables if name not in ("signals", "tracker")]

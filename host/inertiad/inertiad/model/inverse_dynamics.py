@@ -20,7 +20,8 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.model.payload import Payload
 from inertiad.model.trajectory import Motion
-from inertiad.robot.description import Nominal, Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Nominal, inertia_matrix
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from inertiad.base.body import Body
 from inertiad.base.table import Array
 from inertiad.report.figure import Color, Dots3, Mesh3, Path3, Scene, View
 from inertiad.report.report_data import Facts
-from inertiad.robot.description import Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import inertia_matrix
 from inertiad.run import reader
 
 N_AROUND, N_UP = 28, 14

@@ -15,7 +15,8 @@ from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
-from inertiad.robot.description import TENSION_MAX_DEFAULT, Cable, Nominal, Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import TENSION_MAX_DEFAULT, Cable, Nominal, inertia_matrix
 from inertiad_lcm import cable_config_t, robot_config_t, signal_config_t
 
 ATTITUDE_SOURCE = {"quaternion": 1, "rpy": 2}

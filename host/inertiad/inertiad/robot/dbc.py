@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
-from inertiad.robot.description import Bound, Robot, Scaled
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Bound, Scaled
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

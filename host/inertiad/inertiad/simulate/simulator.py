@@ -28,7 +28,8 @@ from inertiad.model.random_errors import Dice
 from inertiad.model.trajectory import Motion, Trajectory
 from inertiad.robot import configuration, dbc
 from inertiad.robot.dbc import Binding
-from inertiad.robot.description import Nominal, Robot, read_data
+from inertiad.robot.description import Robot, read_data
+from inertiad.robot.keys import Nominal
 from inertiad.robot.messages import validate
 from inertiad.run import encode, tracker_csv
 from inertiad.run import folder as run_folder
