@@ -212,7 +212,7 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
     if holds_length and plant.stiffness == 0.0:
         raise InputError(
             f"--plant: {n_cables} cables leave the platform free to swing, rigid ones would have to follow it: "
-            "allowed: exact, elastic, or a file with a stiffness"
+            "allowed: elastic, or a file with a stiffness"
         )
     step = _step(mechanics, trajectory.at(np.zeros(1)), plant, rate)
     per_control = max(1, round(1.0 / (plant.control_rate * step)))

@@ -16,6 +16,8 @@ from inertiad.robot import dbc, reference
 
 ANCHOR_RADIUS, ANCHOR_HEIGHT = 2.5, 3.0
 """m: of the anchors that a new file holds until they are replaced"""
+ANCHORS_APART = 0.1
+"""rad: half the angle between the two anchors of a corner"""
 ATTACHMENT_RADIUS, ATTACHMENT_HEIGHT = 0.35, 0.15
 WIDTH = 110
 
@@ -43,20 +45,24 @@ class Start:
 
 
 def example_geometry(n: int) -> list[tuple[list[float], list[float]]]:
-    """Anchor and attachment of each of n cables, m: in pairs from corners to both neighbouring vertices of the platform
-    where n is even and at least 6, else one beside the other."""
-    pairs = n >= 6 and n % 2 == 0
-    corners = n // 2 if pairs else n
+    """Anchor and attachment of each of n cables, m: six or more in pairs from corners to both neighbouring vertices
+    of the platform, an odd one down the middle; with fewer one beside the other."""
+    if n < 6:
+        return [_example_cable(2.0 * math.pi * (i + 0.5) / n, 0.0, ATTACHMENT_HEIGHT) for i in range(n)]
+    corners = n // 2
     found = []
-    for i in range(n):
-        at = 2.0 * math.pi * ((i // 2 if pairs else i) + 0.5) / corners
+    for i in range(2 * corners):
         side = (-1.0) ** i
-        vertex = at + side * math.pi / corners if pairs else at
-        height = side * ATTACHMENT_HEIGHT if pairs or n > 4 else ATTACHMENT_HEIGHT
-        anchor = [ANCHOR_RADIUS * math.cos(at), ANCHOR_RADIUS * math.sin(at), ANCHOR_HEIGHT]
-        attachment = [ATTACHMENT_RADIUS * math.cos(vertex), ATTACHMENT_RADIUS * math.sin(vertex), height]
-        found.append(([round(v, 3) + 0.0 for v in anchor], [round(v, 3) + 0.0 for v in attachment]))
-    return found
+        at = 2.0 * math.pi * (i // 2 + 0.5) / corners + side * ANCHORS_APART
+        found.append(_example_cable(at, side * (math.pi / corners - ANCHORS_APART), side * ATTACHMENT_HEIGHT))
+    return found if n % 2 == 0 else [*found, ([0.0, 0.0, ANCHOR_HEIGHT], [0.0, 0.0, ATTACHMENT_HEIGHT])]
+
+
+def _example_cable(angle: float, turn: float, height: float) -> tuple[list[float], list[float]]:
+    """From an anchor at an angle to an attachment turned on by more, rad, at a height, m."""
+    anchor = [ANCHOR_RADIUS * math.cos(angle), ANCHOR_RADIUS * math.sin(angle), ANCHOR_HEIGHT]
+    attachment = [ATTACHMENT_RADIUS * math.cos(angle + turn), ATTACHMENT_RADIUS * math.sin(angle + turn), height]
+    return [round(v, 3) + 0.0 for v in anchor], [round(v, 3) + 0.0 for v in attachment]
 
 
 def start_from_dbc(name: str, paths: list[Path], n_cables: int | None, imu_rate: float | None, folder: Path) -> Start:
