@@ -13,8 +13,8 @@ from inertiad.excite.planner import Plan, Request, moves, optimal, shortest, sta
 from inertiad.excite.problem import REST, Criterion
 from inertiad.excite.search import Progress
 from inertiad.identify.fisher_information import Model
-from inertiad.model import trajectory, workspace
-from inertiad.robot import description, stand_in
+from inertiad.model import trajectory
+from inertiad.robot import description, geometry, stand_in
 from inertiad.robot.messages import nearest
 
 MOTIONS = ("optimal", "paper")
@@ -64,7 +64,7 @@ def wanted_sigma(text: str, model: Model) -> Array:
 def limits_from(model: Model, box: str | None, tilt: float, yaw: float, speed: float, acceleration: float) -> Limits:
     """Limits of the command line; degrees, m, s. InputError: the box is empty."""
     edges = (
-        workspace.box(model.robot)
+        geometry.box(model.robot)
         if box is None
         else numbers(box, 6, "--box", "x_min,y_min,z_min,x_max,y_max,z_max in m")
     )
@@ -124,7 +124,7 @@ def _paper(request: Request, arguments: Arguments) -> Plan:
 def _planned(request: Request, arguments: Arguments, remarks: list[str], progress: Progress) -> Plan:
     n_cables = request.checker.model.robot.n_cables
     n_poses = arguments.poses
-    if n_cables < 6 and not n_poses and arguments.motion == "optimal":
+    if n_cables < 6 and not n_poses and arguments.motion == "optimal" and arguments.sigma is None:
         n_poses = max(3, round(arguments.duration / (arguments.hold + REST_TO_REST)))
         remarks.append(f"{n_cables} cables: no motion can be commanded, {n_poses} rests are planned, as by --poses")
     if n_poses:

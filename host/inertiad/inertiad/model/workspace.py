@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 
 from inertiad.base.error import InputError
-from inertiad.base.table import Array
 from inertiad.model import forward_dynamics, inverse_dynamics, trajectory
 from inertiad.model.forward_dynamics import Plant
 from inertiad.model.inverse_dynamics import Mechanics
 from inertiad.model.trajectory import Moves, Trajectory
 from inertiad.robot.description import Robot
+from inertiad.robot.geometry import box
 
 SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1)
 """of the usual box and of the angles, tried one after the other"""
@@ -20,19 +20,6 @@ CHECK_RATE = 20.0
 """Hz at which a motion is checked for possible tensions"""
 MARGIN = 0.02
 """of the tensions' range that a motion chosen here stays inside of, so that small errors of geometry do no harm"""
-
-
-def box(robot: Robot) -> Array:
-    """Least and greatest x y z [6], m: a quarter of the anchors' reach about their middle, 27 to 50 % of their height.
-
-    Heights count from the world's z = 0, or from the lowest anchor where that is below it.
-    """
-    anchor = np.array([cable.anchor for cable in robot.cable])
-    low, high = anchor.min(axis=0), anchor.max(axis=0)
-    middle, reach = 0.5 * (low + high), 0.125 * (high - low)
-    floor, top = min(0.0, low[2]), low[2]
-    z = (floor + 0.27 * (top - floor), floor + 0.5 * (top - floor)) if top > floor else (high[2] + 1.0, high[2] + 2.0)
-    return np.array([*(middle - reach)[:2], z[0], *(middle + reach)[:2], z[1]])
 
 
 def _scaled(robot: Robot, share: float) -> Moves:

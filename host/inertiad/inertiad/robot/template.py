@@ -18,6 +18,8 @@ ANCHOR_RADIUS, ANCHOR_HEIGHT = 2.5, 3.0
 """m: of the anchors that a new file holds until they are replaced"""
 ANCHORS_APART = 0.1
 """rad: half the angle between the two anchors of a corner"""
+NARROW = 0.4
+"""share of its width to which the platform of few cables is narrowed along y, so that their lines do not all meet"""
 ATTACHMENT_RADIUS, ATTACHMENT_HEIGHT = 0.35, 0.15
 WIDTH = 110
 
@@ -48,7 +50,8 @@ def example_geometry(n: int) -> list[tuple[list[float], list[float]]]:
     """Anchor and attachment of each of n cables, m: six or more in pairs from corners to both neighbouring vertices
     of the platform, an odd one down the middle; with fewer one beside the other."""
     if n < 6:
-        return [_example_cable(2.0 * math.pi * (i + 0.5) / n, 0.0, ATTACHMENT_HEIGHT) for i in range(n)]
+        radial = [_example_cable(2.0 * math.pi * (i + 0.5) / n, 0.0, ATTACHMENT_HEIGHT) for i in range(n)]
+        return [(anchor, [x, round(NARROW * y, 3) + 0.0, z]) for anchor, (x, y, z) in radial]
     corners = n // 2
     found = []
     for i in range(2 * corners):
