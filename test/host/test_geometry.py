@@ -51,7 +51,7 @@ def scaled(v, k):
     ("change", "name", "says"),
     [
         (lambda i, a, b: (scaled(a, 1000.0 if i == 2 else 1.0), b), "far_anchor", r"cable\[3\].anchor is \d+ m from"),
-        (lambda i, a, b: (a, scaled(b, 100.0 if i == 5 else 1.0)), "far_attachment", r"cable\[6\].attachment is"),
+        (lambda i, a, b: (a, scaled(b, 40.0 if i == 5 else 1.0)), "far_attachment", r"cable\[6\].attachment is"),
         (lambda i, a, b: (a, scaled(b, 20.0)), "huge_platform", "the platform would be larger than the robot"),
         (lambda i, a, b: (a, [b[0] + 9.0, b[1], b[2]]), "far_platform_frame", "from the origin of P"),
         (lambda i, a, b: (scaled(a, 1000.0), b), "huge_robot", "are they in mm"),
