@@ -39,7 +39,16 @@ def stamp(line: str) -> float:
 
 
 def daemon(run: Path, log: Path, record: Path, *more: object, **how) -> subprocess.CompletedProcess:
-    command = [DAEMON, "-v", "--config", run / "robot.cfg", "--bus", f"file:{log}", "--tracker", f"file:{run}/tracker.csv"]
+    command = [
+        DAEMON,
+        "-v",
+        "--config",
+        run / "robot.cfg",
+        "--bus",
+        f"file:{log}",
+        "--tracker",
+        f"file:{run}/tracker.csv",
+    ]
     arguments = [*command, "--lcm", "none", "--record", record, *more]
     return subprocess.run([str(a) for a in arguments], capture_output=True, text=True, timeout=60, **how)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from inertiad.base.channels import DEFAULT_PREFIX
-from inertiad.cli.options import RunFolder, progress_shown, say
+from inertiad.cli.options import RunFolder, is_stdout, progress_shown, say, written
 
 commands = typer.Typer()
 
@@ -21,7 +21,7 @@ def export_command(
         str,
         typer.Option("--to", metavar="FORMAT", help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json."),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write; -: stdout.")],
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where the run has none.")
     ] = None,
@@ -37,8 +37,11 @@ def export_command(
     remarks: list[str] = []
     with progress_shown() as progress:
         progress(f"write {output}")
-        written = convert.export(run, to, output, robot, prefix, remarks)
-    for line in (*remarks, *written):
+        with written(output, f".{to}") as path:
+            contents = convert.export(run, to, path, robot, prefix, remarks)
+        if is_stdout(output) and len(contents) > 1:
+            remarks.append(f"-: the first of {len(contents)} tables only; with a FILE each gets a file of its own")
+    for line in remarks if is_stdout(output) else (*remarks, *contents):
         say(line)
 
 

@@ -22,7 +22,7 @@ app = typer.Typer(
     help="Describe a robot, simulate or import a run, watch the daemon's estimate.",
     context_settings=HELP,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
@@ -45,10 +45,24 @@ def _options(
     """Describe a robot, simulate or import a run, watch the daemon's estimate."""
 
 
+def _keep_brackets(command: Any) -> None:
+    """Brackets in help texts are brackets, as in [nominal], and no markup."""
+    for name in ("help", "epilog"):
+        if text := getattr(command, name, None):
+            setattr(command, name, text.replace("[", r"\["))
+    for parameter in command.params:
+        if text := getattr(parameter, "help", None):
+            parameter.help = text.replace("[", r"\[")
+    for below in getattr(command, "commands", {}).values():
+        _keep_brackets(below)
+
+
 def main() -> None:
     """Run the command line and exit."""
+    command = typer.main.get_command(app)
+    _keep_brackets(command)
     try:
-        code: Any = app(prog_name="inertiactl", standalone_mode=False)
+        code: Any = command(prog_name="inertiactl", standalone_mode=False)
     except InputError as error:
         _fail(*error.lines)
     except TyperException as error:

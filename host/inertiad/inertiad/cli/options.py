@@ -40,13 +40,13 @@ def is_stdout(output: Path | None) -> bool:
 
 
 @contextmanager
-def written(output: Path) -> Iterator[Path]:
-    """The path to write to: output itself; for "-" a file whose content goes to stdout at the end."""
+def written(output: Path, suffix: str = "") -> Iterator[Path]:
+    """The path to write to: output itself; for "-" a file with that suffix whose content goes to stdout at the end."""
     if not is_stdout(output):
         yield output
         return
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "stdout"
+        path = Path(folder) / f"stdout{suffix}"
         yield path
         sys.stdout.flush()
         sys.stdout.buffer.write(path.read_bytes())
@@ -76,6 +76,11 @@ def only_one_to_stdout(*outputs: Path | None) -> None:
     """InputError: more than one option names stdout."""
     if sum(map(is_stdout, outputs)) > 1:
         raise InputError("-: stdout takes one output: give the others a file")
+
+
+def teller(json_output: Path | None) -> Callable[[str], None]:
+    """A function that prints a line of the result: on stdout, or on stderr where stdout takes the JSON."""
+    return say if is_stdout(json_output) else typer.echo
 
 
 def command_line() -> str:

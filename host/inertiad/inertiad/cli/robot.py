@@ -10,6 +10,7 @@ from inertiad.cli.options import (
     Json,
     RobotFile,
     command_line,
+    is_stdout,
     only_one_to_stdout,
     progress_shown,
     say,
@@ -47,7 +48,8 @@ def compile_command(
         path.write_bytes(data)
     for line in finding.lines(findings)[1:]:
         say(line)
-    say(f"{output}: {len(data)} bytes")
+    if not is_stdout(output):
+        say(f"{output}: {len(data)} bytes")
     if json is not None:
         write_json(
             json, {"robot": described.name, "file": str(output), "bytes": len(data), **finding.document(findings)}
@@ -77,7 +79,9 @@ def view(
 @commands.command(epilog="Example: inertiactl excite firmware/robots/cogiro/robot.toml --duration 20 -o excite.csv")
 def excite(
     robot: RobotFile,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Pose CSV; beside it FILE.json.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Pose CSV, beside it FILE.json; -: stdout.")
+    ],
     motion: Annotated[
         str, typer.Option(metavar="optimal|paper", help="Optimised, or two poses back and forth.")
     ] = "optimal",
@@ -120,8 +124,10 @@ def excite(
     )
     with progress_shown() as progress:
         request, plan = requests.plan(robot, words, starts, seed, progress)
-        plan_file.write_csv(output, request, plan)
-        plan_file.write_json(output.with_suffix(".json"), request, plan)
+        with written(output) as path:
+            plan_file.write_csv(path, request, plan)
+        if not is_stdout(output):
+            plan_file.write_json(output.with_suffix(".json"), request, plan)
         if picture is not None:
             plan_file.draw(picture, request, plan)
     for line in plan_file.summary(plan):

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from inertiad.base.channels import DEFAULT_URL
-from inertiad.cli.options import RobotFile, RunFolder, Url, progress_shown, say
+from inertiad.cli.options import RobotFile, RunFolder, Url, progress_shown, say, teller, written
 
 commands = typer.Typer()
 
@@ -93,7 +93,9 @@ def verify(
     bus: Annotated[
         list[str] | None, typer.Option(metavar="file|socketcan:vcan0", help="Default: file; else one per bus.")
     ] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: verify.json in RUN.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Default: verify.json in RUN; -: stdout.")
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Verify this robot.cfg instead of compiling robot.toml.")
     ] = None,
@@ -112,11 +114,13 @@ def verify(
     options = verifier.Options(run, buses, config, daemon, url, latency_max)
     with progress_shown() as progress:
         checks = verifier.verify(options, progress)
+    tell = teller(json)
     for check in checks:
-        typer.echo(str(check))
-    verifier.write(json or run / "verify.json", options, checks)
+        tell(str(check))
+    with written(json or run / "verify.json") as path:
+        verifier.write(path, options, checks)
     n_failed, n_open = (sum(check.passed is verdict for check in checks) for verdict in (False, None))
     left = f", {n_open} could not be made" if n_open else ""
-    typer.echo(f"{'FAIL' if n_failed else 'PASS'}: {len(checks) - n_failed - n_open} of {len(checks)} passed{left}")
+    tell(f"{'FAIL' if n_failed else 'PASS'}: {len(checks) - n_failed - n_open} of {len(checks)} passed{left}")
     if n_failed:
         raise typer.Exit(1)

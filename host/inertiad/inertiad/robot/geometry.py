@@ -163,8 +163,8 @@ def _mechanics(robot: Robot, config: inertiad_core.Config) -> Iterator[Finding]:
         yield Finding(
             "rank",
             "care",
-            f"the wrenches of {robot.n_cables} cables span only {ranks[0]} of {full} dimensions {where}: their tensions "
-            f"give no {_lost(U[0], int(ranks[0]))}",
+            f"the wrenches of {robot.n_cables} cables span only {ranks[0]} of {full} dimensions {where}: tensions give "
+            f"no {_lost(U[0], int(ranks[0]))}",
             "check anchors and attachments: cables in one plane, or all through one line",
             {"rank": int(ranks[0]), "greatest_rank": int(ranks.max())},
         )
