@@ -54,13 +54,25 @@ def import_command(
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description to put into the run.")
     ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option("--map", metavar="MAP", help="Channels by quantity, TOML, as import proposes it.")
+    ] = None,
 ) -> None:
-    """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them."""
-    from inertiad.exchange import convert
+    """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them.
+
+    A CSV with other names, units or separators, or with sensors of different rates: its channels are listed, a mapping
+    to quantities is proposed from names, units and values, used, and written into RUN, to be changed and given back
+    by --map.
+    """
+    from inertiad.exchange import channels, convert, foreign_import
 
     remarks: list[str] = []
     with progress_shown() as progress:
         progress(f"read {file}")
-        written = convert.import_file(file, output, robot, remarks)
-    for line in (*remarks, *written):
+        if mapping is not None or convert.is_foreign(file):
+            chosen = None if mapping is None else channels.read_mapping(mapping)
+            contents = foreign_import.import_mapped(file, output, robot, chosen, remarks)
+        else:
+            contents = convert.import_file(file, output, robot, remarks)
+    for line in (*remarks, *contents):
         say(line)

@@ -20,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.recognition import recognise
 from inertiad.base.table import Table
 from inertiad.base.text_files import read_toml, toml_value
-from inertiad.exchange import foreign_csv
+from inertiad.exchange import convert, foreign_csv
 from inertiad.exchange.foreign_csv import Channel
 from inertiad.robot.messages import Strict, nearest_or_known, validate
 from inertiad.robot.value_types import Range
@@ -105,8 +105,6 @@ def summary(path: Path, mapping: Mapping | None = None) -> list[Found]:
         time = (mapping or Mapping()).time
         channels = foreign_csv.read(path, time.channel, time.unit)
     else:
-        from inertiad.exchange import convert
-
         channels = of_tables(convert.read_file(path).tables)
         if not channels:
             raise InputError(f"{path}: only CAN frames in it: allowed: a recording of signals, or --dbc with their DBC")
@@ -164,6 +162,30 @@ def _accelerations_in_g(found: list[Found]) -> bool:
     return 0.3 < float(np.median(np.linalg.norm(axes, axis=0))) < 3.0
 
 
+def unit_of(item: Found, in_g: bool) -> tuple[str, str]:
+    """Unit of a recognised channel, and the reason for it: "" where the file gives it."""
+    name, channel = item.quantity, item.channel
+    if channel.unit or name is None:
+        return channel.unit, ""
+    if in_g and name in quantity.ACC:
+        return "g", "usual length 1"
+    unit, reason = _guessed_unit(channel, name)
+    return unit, reason or "nothing against it"
+
+
+def unit_remarks(found: list[Found]) -> list[str]:
+    """Units that were assumed, a line per unit and reason."""
+    in_g, assumed = _accelerations_in_g(found), dict[tuple[str, str], list[str]]()
+    for item in found:
+        unit, reason = unit_of(item, in_g)
+        if item.quantity is not None and reason and unit:
+            assumed.setdefault((unit, reason), []).append(item.quantity)
+    return [
+        f"no unit in the file: {unit} assumed for {', '.join(names)} ({reason})"
+        for (unit, reason), names in assumed.items()
+    ]
+
+
 def mapping_text(path: Path, found: list[Found]) -> str:
     """The proposed mapping of a recording as TOML, with every channel it has as a comment."""
     in_g = _accelerations_in_g(found)
@@ -174,15 +196,9 @@ def mapping_text(path: Path, found: list[Found]) -> str:
         lines.append(f"# {item.text}")
         if name is None:
             continue
-        keys = [f"channel = {toml_value(channel.name)}"]
-        if not channel.unit:
-            unit, reason = _guessed_unit(channel, name)
-            if in_g and name in quantity.ACC:
-                unit, reason = "g", "usual length 1"
-            note = f"  # the file gives no unit; assumed{f' from {reason}' if reason else ''}"
-            lines.append(f"[channels.{name}]\n{keys[0]}\nunit = {toml_value(unit)}{note}")
-        else:
-            lines.append(f"[channels.{name}]\n{keys[0]}\nunit = {toml_value(channel.unit)}")
+        unit, reason = unit_of(item, in_g)
+        note = f"  # the file gives no unit; assumed: {reason}" if reason and unit else ""
+        lines += [f"[channels.{name}]", f"channel = {toml_value(channel.name)}", f"unit = {toml_value(unit)}{note}"]
     return "\n".join(lines) + "\n"
 
 

@@ -41,10 +41,16 @@ class Channel:
 
     @property
     def rate(self) -> float:
-        """Hz, from the median interval; 0: fewer than two samples."""
-        steps = np.diff(self.t)
-        steps = steps[steps > 0.0]
-        return float(1.0 / np.median(steps)) if len(steps) else 0.0
+        """Hz, from the mean interval, gaps left out; 0: fewer than two samples."""
+        return rate_of(self.t)
+
+
+def rate_of(t: Array) -> float:
+    """Hz of increasing times [N], s, from the mean of the intervals that are no gaps; 0: fewer than two."""
+    steps = np.diff(t)
+    if not len(steps):
+        return 0.0
+    return float(1.0 / np.mean(steps[steps <= 1.5 * np.median(steps)]))
 
 
 def _text(path: Path) -> str:
@@ -79,11 +85,11 @@ def _is_number(cell: str) -> bool:
 
 
 def _first_data_row(path: Path, rows: list[list[str]]) -> int:
-    """The first row of which more cells are numbers than text, with another like it below."""
+    """The first row of which half the cells or more are numbers, with another like it below."""
 
     def is_data(row: list[str]) -> bool:
         filled = [cell for cell in row if cell.strip()]
-        return len(filled) > 0 and sum(map(_is_number, filled)) > len(filled) / 2
+        return len(filled) > 0 and sum(map(_is_number, filled)) >= len(filled) / 2
 
     for number in range(1, min(len(rows), HEAD_LINES)):
         if is_data(rows[number]) and (number + 1 >= len(rows) or is_data(rows[number + 1])):
@@ -118,7 +124,8 @@ def _numbers(path: Path, name: str, cells: list[tuple[int, str]], has_comma: boo
 def _columns(path: Path) -> Iterator[tuple[str, str, list[tuple[int, str]], bool]]:
     """Name, unit, filled cells with their row's number, and whether the decimal sign is a comma, of each column."""
     text = _text(path)
-    lines = [line for line in text.splitlines() if line.strip()]
+    numbered = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    places, lines = [number for number, _ in numbered], [line for _, line in numbered]
     if len(lines) < 2:
         raise InputError(f"{path}: no rows below a header")
     separator = _separator(lines[: 4 * HEAD_LINES])
@@ -132,10 +139,10 @@ def _columns(path: Path) -> Iterator[tuple[str, str, list[tuple[int, str]], bool
     width = max(map(len, rows[first:]))
     if width > len(heads):
         at = next(i for i, row in enumerate(rows[first:], first) if len(row) > len(heads))
-        raise InputError(f"{path}: line {at + 1}: {len(rows[at])} values: allowed: {len(heads)}, as the header has")
+        raise InputError(f"{path}: line {places[at]}: {len(rows[at])} values: allowed: {len(heads)}, as the header has")
     for i, (name, unit) in enumerate(heads):
         cells = [
-            (n + 1, row[i].strip()) for n, row in enumerate(rows[first:], first) if i < len(row) and row[i].strip()
+            (places[n], row[i].strip()) for n, row in enumerate(rows[first:], first) if i < len(row) and row[i].strip()
         ]
         if name and cells:
             yield name, unit, cells, has_comma
@@ -150,8 +157,8 @@ def read(path: Path, time: str | None = None, time_unit: str | None = None) -> l
     found = list(_columns(path))
     named = [name for name, unit, _, _ in found if (recognise(name, unit) == "t" if time is None else name == time)]
     if not named:
-        wanted = "a column of time, as t or Time [s]" if time is None else f'column "{time}"'
-        raise InputError(f"{path}: no {wanted}; columns: {', '.join(name for name, *_ in found[:24])}")
+        wanted = "no column of time, as t or Time [s]" if time is None else f'no column "{time}"'
+        raise InputError(f"{path}: {wanted}; columns: {', '.join(name for name, *_ in found[:24])}")
     at: dict[int, float] = {}
     for name, unit, cells, has_comma in found:
         if name == named[0]:
