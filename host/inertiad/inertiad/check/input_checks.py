@@ -46,7 +46,7 @@ def _differences(was: robot_config_t, config: bytes) -> dict[str, str]:
 
 
 def is_blind(run: Path, given: Path | None, full: bytes, blind: bytes) -> bool:
-    """Whether the configuration of a run, or a given one, is closer to the robot's without [nominal] than to its own."""
+    """Whether the configuration of a run, or a given one, is closer to the robot's without [nominal] than with it."""
     data = _record_of_configuration(run)[1] if given is None else given.read_bytes()[:-4]
     try:
         was = robot_config_t.decode(data) if data is not None else None

@@ -5,8 +5,8 @@ The frames in RAW are compared with the log, the positions in ORDER with those s
 rows with a decoder of our own (from the DBC, in numpy). Rows and estimates are compared bit for bit with a
 recomputation by the same core from RAW and ORDER, in the order in which the daemon used them. The last estimate is
 compared with the joint batch solver on the published rows, and with the truth of a simulated run. robot.toml and its
-DBC files are compared with the configuration of the run, if it is in the daemon's record run.lcmlog or in robot.cfg; a run
-compiled --blind is verified without [nominal].
+DBC files are compared with the configuration of the run, if it is in the daemon's record run.lcmlog or in robot.cfg.
+A run compiled --blind is verified without [nominal].
 """
 
 import json
