@@ -224,6 +224,14 @@ def _sensors(shown: Shown, size: float) -> Marks:
     return marks
 
 
+def _platform(robot: Robot, p: Array, R: Array, corner: Array) -> Marks:
+    """The hull of the attachments, or their outline where they lie in one plane."""
+    marks = scene.platform(robot, p, R)
+    outline = _hull(corner)
+    is_solid = any(isinstance(mark, Mesh3) for mark in marks)
+    return marks if is_solid or not len(outline) else [*marks, Path3(outline, "platform", "muted", 4.0)]
+
+
 def _drawn(shown: Shown, edges: Array | None) -> Scene:
     robot, p, R = shown.robot, shown.p, shown.R
     u, free, _ = inertiad_core.cable_geometry(inertiad_core.Config(shown.config), p[None], R[None])
@@ -231,7 +239,7 @@ def _drawn(shown: Shown, edges: Array | None) -> Scene:
     size = max(float(np.linalg.norm([c.attachment for c in robot.cable], axis=1).max()), 0.05)
     anchors = np.array([cable.anchor for cable in robot.cable])
     marks: Marks = [
-        *scene.platform(robot, p, R),
+        *_platform(robot, p, R, corner),
         *_cables(shown, corner, corner + u[0] * free[0][:, None]),
         *_sensors(shown, size),
         scene.triad(np.zeros(3), np.eye(3), 0.15 * float(np.ptp(anchors, axis=0).max()), "axes of W", "muted"),
@@ -273,16 +281,16 @@ def _cable_table(shown: Shown) -> Table:
     rows = []
     for i, cable in enumerate(robot.cable):
         place, fixed = (", ".join(f"{v:.4g}" for v in triple) for triple in (cable.anchor, cable.attachment))
-        held = "" if tension is None else f"{tension[i]:.4g}"
-        rows.append([str(i + 1), place, fixed, f"{length[0][i]:.3f}", f"{elevation[i]:.1f}", held])
+        held = [] if tension is None else [f"{tension[i]:.4g}"]
+        rows.append([str(i + 1), place, fixed, f"{length[0][i]:.3f}", f"{elevation[i]:.1f}", *held])
     mass = shown.completed.body.mass
     foot = f"Tension: at rest in this place, platform of {mass:g} kg, the most even pull."
     if tension is None:
         foot = "No tensions within their limits hold the platform at rest in this place and attitude."
         if robot.n_cables < 6:
             foot = "Fewer than six cables: the platform hangs as its weight wants, in no pose of choice."
-    head = ["cable", "anchor in W, m", "attachment in P, m", "length, m", "elevation, °", "tension, N"]
-    return Table(head, rows, foot=foot)
+    head = ["cable", "anchor in W, m", "attachment in P, m", "length, m", "elevation, °"]
+    return Table(head if tension is None else [*head, "tension, N"], rows, foot=foot)
 
 
 def _rest_tensions(shown: Shown) -> Array | None:

@@ -77,8 +77,10 @@ def _places(robot: Robot) -> Iterator[Finding]:
             )
     anchors = np.array([cable.anchor for cable in robot.cable])
     attachments = np.array([cable.attachment for cable in robot.cable])
-    if len(anchors) > 1 and _size(anchors) > REACH_MAX:
-        yield Finding("huge_robot", "care", f"anchors are up to {_size(anchors):.4g} m apart", "are they in mm?")
+    if len(anchors) > 1 and _size(anchors) > REACH_MAX and not _outliers(anchors):
+        yield Finding(
+            "huge_robot", "care", f"the anchors reach {_size(anchors):.4g} m from their middle", "are they in mm?"
+        )
     if len(anchors) > 1 and _size(attachments) > _size(anchors) and not _outliers(attachments):
         yield Finding(
             "huge_platform",

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
-from scipy import signal
 
 from inertiad.robot.messages import Strict
 from inertiad.robot.value_types import Age, Axis, Delay, Far3, Inertia, Memory, Near3, Number3, Quaternion, Range, Unit
@@ -182,6 +181,8 @@ class LowPass(Strict):
     @property
     def delay(self) -> float:
         """s: its group delay at frequencies far below the cut-off, the sum of -1/pole of H(s) = k / prod(s - pole)."""
+        from scipy import signal  # half a second, for the robots that have one
+
         poles = signal.besselap(self.order, norm="mag")[1] if self.kind == "bessel" else signal.buttap(self.order)[1]
         return float(-np.sum(1.0 / poles).real) / (2.0 * math.pi * self.cutoff)
 
