@@ -41,6 +41,8 @@ static const struct {
     [IPE_BLOCK_IMU_POSITION] = {"imu_position", 3, 0, AS_THEY_ARE, IPE_XI_IMU_POSITION, 0, 0},
     [IPE_BLOCK_TRACKER_TARGET] = {"tracker_target", 3, 0, AS_THEY_ARE, IPE_XI_TRACKER_TARGET, 0, 0},
     [IPE_BLOCK_CABLE_INERTIA] = {"cable_inertia", 1, 0, AS_THEY_ARE, IPE_XI_CABLE_INERTIA, 0, 0},
+    [IPE_BLOCK_EXTERNAL_FORCE] = {"external_force", 3, 0, AS_THEY_ARE, IPE_XI_EXTERNAL_FORCE, 0, 0},
+    [IPE_BLOCK_EXTERNAL_STIFFNESS] = {"external_stiffness", 3, 0, AS_THEY_ARE, IPE_XI_EXTERNAL_STIFFNESS, 0, 0},
     [IPE_BLOCK_FORCE_OFFSET] = {"force_offset", 0, 1, AS_THEY_ARE, IPE_XI_FORCE, 0, 0},
     [IPE_BLOCK_FORCE_GAIN] = {"force_gain", -1, 1, ZERO_SUM, IPE_XI_FORCE, 1, 0},
     [IPE_BLOCK_FRICTION] = {"friction", 1, 0, SUMMED, IPE_XI_FORCE, 2, 0},
@@ -120,8 +122,9 @@ static double implausible_value(const ipe_rls_t* rls, int i, double std)
 
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
 {
-    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY,    IPE_BLOCK_ATTITUDE_DELAY,
-                                           IPE_BLOCK_IMU_POSITION,   IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION};
+    const ipe_block_t of_unsure_prior[] = {
+        IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY, IPE_BLOCK_ATTITUDE_DELAY, IPE_BLOCK_IMU_POSITION,
+        IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION,    IPE_BLOCK_EXTERNAL_FORCE, IPE_BLOCK_EXTERNAL_STIFFNESS};
     for (size_t k = 0; k < sizeof of_unsure_prior / sizeof of_unsure_prior[0]; ++k) {
         const ipe_block_t b = of_unsure_prior[k];
         const int first = s->layout.first[b], end = first + s->layout.count[b];

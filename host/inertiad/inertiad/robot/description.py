@@ -60,8 +60,17 @@ gravity                              9.81                 m/s2, along -z of W
 [std] attitude_delay                 5e-3                 s
 [std] friction                       see right            1, share of the tension: 0.02 at the winch, else 5e-3
 [std] acc_scale, gyro_scale          3e-3, 3e-3           1
+[std] external_force                 see right            N, each axis: 0.05 of the weight
+[std] external_stiffness             see right            N/m, each axis: external_force over a quarter of the
+                                                          anchors' rms distance from their mean
 [std] geometry                       1e-3                 m, anchors and attachments
 [std] attitude_wander                1.75e-3              rad, slow error about the bias: sets the residual below
+[external] constant                  false                true: a hose or an energy chain pulls on the platform with
+                                                          a force that is constant in W: 3 unknowns
+[external] stiffness                 false                true: and like a spring along each axis of W, 3 unknowns
+[external] attachment                [0, 0, 0]            m, P: where
+[external] reference                 the anchors' mean    m, W: the attachment's place at which the force is
+                                                          the external_force that is published
 [estimator] window_length            0.4                  s
 [estimator] estimate_rate            50                   Hz
 [estimator] memory                   1200                 s of excited time after which data count 1/e; 0: for ever
@@ -265,8 +274,25 @@ class Std(Strict):
     friction: Sigma | None = None
     acc_scale: Sigma = 3e-3
     gyro_scale: Sigma = 3e-3
+    external_force: Sigma | None = None
+    external_stiffness: Sigma | None = None
     geometry: Sigma = 1e-3
     attitude_wander: Sigma = 1.75e-3
+
+
+class External(Strict):
+    """A force beside those of the cables, from a hose or an energy chain."""
+
+    constant: bool = False
+    stiffness: bool = False
+    attachment: Near3 = [0.0, 0.0, 0.0]
+    reference: Far3 | None = None
+
+    @model_validator(mode="after")
+    def _has_rest_point(self) -> Self:
+        if self.stiffness and not self.constant:
+            raise ValueError("constant = true beside stiffness = true: where the spring is at rest is unknown")
+        return self
 
 
 def memory_range(value: float) -> float:
@@ -335,6 +361,7 @@ class Robot(Strict):
     position: Position = Position()
     attitude: Attitude = Attitude()
     align: Align = Align()
+    external: External = External()
     std: Std = Std()
     estimator: Estimator = Estimator()
     calibration: Calibration = Calibration()
@@ -373,6 +400,10 @@ class Robot(Strict):
             raise ValueError("[[bus]] with the DBC file that [signals] refers to")
         if self.attitude.estimate == "fused" and self.position.source == "fixed":
             raise ValueError('attitude.estimate = "ahrs" with a fixed position: "fused" needs a measured one')
+        for key in ("constant", "stiffness"):
+            sigma = "external_force" if key == "constant" else "external_stiffness"
+            if getattr(self.std, sigma) is not None and not getattr(self.external, key):
+                raise ValueError(f"external.{key} = true beside std.{sigma}")
         if self.bus and not self.signals:
             raise ValueError("[signals] that bind quantities to signals of the DBC")
         return self
