@@ -40,6 +40,8 @@ typedef struct {
     double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
     double nis;          ///< normalised innovation squared of the last window
     uint64_t n_changes;  ///< payload changes noticed so far
+    double
+        sigma_factor;  ///< by which the sigmas are wider since the estimate moves too much, misfit_score.h; at least 1
     bool is_misfit;  ///< held: neither this body nor another explains the windows of the last 5 s; the sigmas are wider
 } ipe_estimate_t;
 

@@ -17,6 +17,7 @@
 #include "eiv_correction.h"
 #include "estimate.h"
 #include "filter_states.h"
+#include "misfit_score.h"
 #include "noise.h"
 #include "pose_dwell.h"
 #include "rls.h"
@@ -31,6 +32,7 @@ typedef struct {
     ipe_eiv_correction_t eiv_correction;
     ipe_change_detector_t change_detector;
     ipe_pose_dwell_t pose_dwell;
+    ipe_misfit_score_t misfit_score;
     double force_delay;  ///< s, estimated; the caller takes it out of the forces before they come here; 0: none
     int n_delays;        ///< times it was
     double nis;          ///< normalised innovation squared of the last window

@@ -353,7 +353,8 @@ static bool noise_part(const double innovation[IPE_NY], const double S[IPE_NY][I
     return true;
 }
 
-void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX],
+void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s,
+                                            const double by_offset[IPE_NY][IPE_CABLES_MAX],
                                             const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
                                             const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H)
 {
@@ -363,7 +364,7 @@ void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const 
     if (n_gains == 0 || !noise_part(innovation, S, L, noise)) { return; }
     for (int i = 0; i < IPE_NY; ++i) {  // the wrench of a tension is minus its offset's column
         for (int j = 0; j < IPE_NY; ++j) {
-            for (int k = 0; k < m; ++k) { B[i][j] += X[i][IPE_XI_FORCE + k] * X[j][IPE_XI_FORCE + k]; }
+            for (int k = 0; k < m; ++k) { B[i][j] += by_offset[i][k] * by_offset[j][k]; }
         }
         trace += B[i][i];
     }
@@ -372,11 +373,11 @@ void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const 
     cholesky_solve(&B[0][0], IPE_NY, noise, noise);
     for (int k = 0; k < m; ++k) {
         denoised[k] = f[k];
-        for (int j = 0; j < IPE_NY; ++j) { denoised[k] += X[j][IPE_XI_FORCE + k] * noise[j]; }
+        for (int j = 0; j < IPE_NY; ++j) { denoised[k] += by_offset[j][k] * noise[j]; }
     }
     for (int j = 0; j < IPE_NY; ++j) {
         double of_gain[IPE_CABLES_MAX];
-        for (int k = 0; k < m; ++k) { of_gain[k] = X[j][IPE_XI_FORCE + k] * denoised[k]; }
+        for (int k = 0; k < m; ++k) { of_gain[k] = by_offset[j][k] * denoised[k]; }
         row_of_block(s, ZERO_SUM, of_gain, n_gains, m, H + j * n + first);
     }
 }

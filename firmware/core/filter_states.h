@@ -100,14 +100,15 @@ double ipe_filter_states_common_gain_std(const ipe_config_t* config);
 
 /// Rebuild the gain columns of H from tensions without their noise; f [m] are the measured ones, N.
 ///
-///   X              systematic columns that H was made of
+///   by_offset      columns of the force offsets [6][m], as in systematic.h
 ///   innovation, S  of H [6], and its covariance by the states [6][6]
 ///   L              factor of the noise's covariance
 ///
 /// With measured tensions a gain common to all cables correlates with their noise, and the estimated body becomes too
 /// light: 1 % on a slow robot of 6 cables, at 3 sigma. The noise's part of the innovation, V (S + V)^-1 of it, is
 /// attributed to the smallest change of tensions that explains it.
-void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX],
+void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s,
+                                            const double by_offset[IPE_NY][IPE_CABLES_MAX],
                                             const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
                                             const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H);
 

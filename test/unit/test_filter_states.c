@@ -318,15 +318,19 @@ static void test_plausible_priors_stay(void)
 static void denoise_gains(double share, const double f[8], double noisy[IPE_CABLES_MAX])
 {
     double L[IPE_NY][IPE_NY] = {{0.0}}, S[IPE_NY][IPE_NY] = {{0.0}}, innovation[IPE_NY] = {0.0};
+    double by_offset[IPE_NY][IPE_CABLES_MAX];
     const double v[IPE_NY] = {0.2, -0.1, 0.3, 0.05, -0.2, 0.1};
     ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);
-    for (int i = 0; i < IPE_NY; ++i) { L[i][i] = 2.0, S[i][i] = 4.0 * share; }
+    for (int i = 0; i < IPE_NY; ++i) {
+        L[i][i] = 2.0, S[i][i] = 4.0 * share;
+        memcpy(by_offset[i], X[i] + IPE_XI_FORCE, 8 * sizeof(double));
+    }
     for (int k = 0; k < 8; ++k) {
         noisy[k] = f[k];
         for (int j = 0; j < IPE_NY; ++j) { noisy[k] += H[j * N + OFFSET + k] * v[j]; }
         for (int j = 0; j < IPE_NY; ++j) { innovation[j] += H[j * N + OFFSET + k] * (noisy[k] - f[k]); }
     }
-    ipe_filter_states_denoise_gain_columns(&states, X, noisy, innovation, (const double (*)[IPE_NY])S,
+    ipe_filter_states_denoise_gain_columns(&states, by_offset, noisy, innovation, (const double (*)[IPE_NY])S,
                                            (const double (*)[IPE_NY])L, H);
 }
 
