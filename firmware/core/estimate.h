@@ -36,12 +36,12 @@ typedef struct {
     double systematic[IPE_XI_MAX];      ///< correction to the configured calibration
     double systematic_std[IPE_XI_MAX];
     bool observable[IPE_NP];            ///< of m, cog, inertia_cog: sigma at most half the prior's
-    bool consistent;     ///< physically consistent; false: theta and body are the nearest consistent ones
-    double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
-    double nis;          ///< normalised innovation squared of the last window
-    uint64_t n_changes;  ///< payload changes noticed so far
-    double
-        sigma_factor;  ///< by which the sigmas are wider since the estimate moves too much, misfit_score.h; at least 1
+    bool consistent;         ///< physically consistent; false: theta and body are the nearest consistent ones
+    double distance;         ///< Mahalanobis distance squared to it, 0 if consistent
+    double nis;              ///< normalised innovation squared of the last window
+    uint64_t n_changes;      ///< payload changes noticed so far
+    uint32_t unknown_force;  ///< bit i: cable i's sensor has failed, the last window went on without it
+    double sigma_factor;     ///< by which the sigmas are wider, since the estimate moves too much: misfit_score.h
     bool is_misfit;  ///< held: neither this body nor another explains the windows of the last 5 s; the sigmas are wider
 } ipe_estimate_t;
 

@@ -202,6 +202,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (status != IPE_OK) { return status; }
     status = ipe_unknown_force_take_out(&u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
     if (status != IPE_OK) { return status; }
+    e->unknown_force = average->unknown_force;
     e->n_unknown_force += u.n > 0;
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
     if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT) &&
@@ -224,7 +225,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     ipe_misfit_score_before(&e->misfit_score, &e->rls);
     status = ipe_rls_update(&e->rls, H, y, (const double (*)[IPE_NY])L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
-    if (e->rls.n_updates > LEARNING_WINDOWS) { ipe_misfit_score_after(&e->misfit_score, &e->rls, average->t_ns); }
+    if (e->noise.n_summed >= LEARNING_WINDOWS) { ipe_misfit_score_after(&e->misfit_score, &e->rls, average->t_ns); }
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) { learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S); }
     if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
@@ -288,6 +289,7 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
                             .nis = e->nis,
                             .n_changes = e->change_detector.n_changes,
                             .is_misfit = ipe_change_detector_is_misfit(&e->change_detector),
+                            .unknown_force = e->unknown_force,
                             .sigma_factor = sigma_factor(e)};
     ipe_estimator_solution(e, config, &solution);
     ipe_estimate_prior_body(config, &prior);

@@ -40,6 +40,7 @@ typedef struct {
     double restored[IPE_CABLES_MAX];      ///< last most probable reading of each failed sensor, N
     int64_t restored_ns[IPE_CABLES_MAX];  ///< middle of its window
     uint64_t n_weighted;                  ///< windows that counted for less because they stood out
+    uint32_t unknown_force;               ///< of the last window, as in ipe_average_t
     uint64_t n_unknown_force;             ///< windows with a force unknown
     uint64_t n_rows;                      ///< rows the windows were made of, counted by the caller
     uint64_t n_refused;                   ///< estimates not published because a value was not finite

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define HEALTHY 0.3F  // mean ratio of a robot without faults: windows overlap, and the noise is long-run variance
-#define HEALTHY_BLOCKS 5.0F  // that it counts for: chosen so that two wild blocks of 10 s say little
+#define HEALTHY_BLOCKS 8.0F    // that it counts for: chosen so that two wild blocks of 10 s say little
 #define LARGEST_HEALTHY 0.5  // of ten directions and five scales: chosen over 80 % of 70 simulated runs without faults
 #define LARGEST_NIS 1.3      // mean NIS of late: chosen over all but one of those runs
 #define BLOCKS_OF_LATE 60    // chosen so that a fault that is gone is forgotten after two minutes at 1 s
