@@ -255,7 +255,7 @@ bool ipe_estimator_move_force_delay(ipe_estimator_t* e, const ipe_config_t* conf
 static double sigma_factor(const ipe_estimator_t* e)
 {
     const bool is_nis_known = e->rls.n_updates > NIS_WINDOWS;
-    return ipe_misfit_score_factor(&e->misfit_score, is_nis_known ? e->change_detector.level : 0.0);
+    return ipe_misfit_score_factor(&e->misfit_score, &e->noise, is_nis_known ? e->change_detector.level : 0.0);
 }
 
 void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution)
@@ -264,8 +264,7 @@ void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config
     memcpy(solution->theta, e->rls.x, sizeof solution->theta);
     ipe_rls_covariance(&e->rls, IPE_NP, &solution->covariance[0][0]);
     const double factor = sigma_factor(e);
-    const double inflation = fmax(ipe_change_detector_inflation(&e->change_detector), factor * factor);
-    for (int i = 0; i < IPE_NP * IPE_NP; ++i) { solution->covariance[i / IPE_NP][i % IPE_NP] *= inflation; }
+    solution->inflation = fmax(ipe_change_detector_inflation(&e->change_detector), factor * factor);
     ipe_prior_at_imu(config, solution->prior_theta, solution->prior_covariance);
     ipe_eiv_correction_information(&e->eiv_correction, e->noise.L, ipe_noise_level(&e->noise), solution->spurious);
     solution->std_geometry = config->std_geometry;
