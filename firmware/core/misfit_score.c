@@ -10,11 +10,12 @@
     0.5   // of r f in ten directions and five scales: chosen over 90 % of 70 simulated runs, up to 600 s
 #define NIS_FIRST \
     0.52  // the same of the mean NIS: while the configured covariance, which is cautious, holds the windows' noise,
-#define NIS_LATER 2.6      // and what comes to it once the noise is learnt: windows overlap, so NIS stays below 6
-#define NIS_TIME 600.0     // windows it is half learnt after
-#define BLOCKS_OF_LATE 60  // chosen so that a fault that is gone is forgotten after two minutes at 1 s
-#define EARLY 0.05         // s before its end that a block may end: half a hop
+#define NIS_LATER 2.6   // and what comes to it once the noise is learnt: windows overlap, so NIS stays below 6
+#define NIS_TIME 600.0  // windows it is half learnt after
+#define EARLY 0.05      // s before its end that a block may end, so that the rounding of stamps costs no window
 static const double SCALE[IPE_MISFIT_SCALES] = {1.0, 3.0, 10.0, 30.0, 60.0};  // s
+/// Blocks that the mean is of: chosen so that a fault that is gone is forgotten after one to eight minutes.
+static const int BLOCKS_OF_LATE[IPE_MISFIT_SCALES] = {60, 60, 30, 10, 8};
 
 static void open_block(ipe_misfit_score_t* s, int scale, int64_t t_ns)
 {
@@ -25,7 +26,7 @@ static void open_block(ipe_misfit_score_t* s, int scale, int64_t t_ns)
 
 static void close_block(ipe_misfit_score_t* s, int scale)
 {
-    s->n_blocks[scale] += s->n_blocks[scale] < BLOCKS_OF_LATE;
+    s->n_blocks[scale] += s->n_blocks[scale] < BLOCKS_OF_LATE[scale];
     for (int i = 0; i < IPE_NP; ++i) {
         const float change = s->change[scale][i], variance = s->variance[scale][i];
         const float ratio = variance > 0.0F ? change * change / variance : 0.0F;
