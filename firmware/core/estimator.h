@@ -4,11 +4,11 @@
 ///   predict   the states to the window's time                                     filter_states.h
 ///   update    equations -> innovation -> static? other payload? -> forget -> rows into the filter -> noise
 ///   publish   theta, P -> estimate                                                 estimate.h
-/// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta
-/// to what the robot can carry; while it is only suspected the windows are held back, change_detector.h. Where the estimate moves more than its sigma allows,
-/// the published sigma is wider, misfit_score.h. The noise that whitens the equations is the innovations' own long-run covariance.
-/// The daemon's pipeline and the host's rehearsal of a planned motion run this same cycle. Everything it has learnt is in
-/// ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
+/// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta to
+/// what the robot can carry; while it is only suspected the windows are held back, change_detector.h. Where the estimate
+/// moves more than its sigma allows, the published sigma is wider, misfit_score.h. The noise that whitens the equations is
+/// the innovations' own long-run covariance. The daemon's pipeline and the host's rehearsal of a planned motion run this
+/// same cycle. Everything it has learnt is in ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
 /// Source: firmware/DESIGN.md, "Filter". 14 KB of state, 90 us per window of 8 cables, no heap, one thread.
 #ifndef IPE_ESTIMATOR_H
 #define IPE_ESTIMATOR_H
