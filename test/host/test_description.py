@@ -53,6 +53,12 @@ def refused(path):
         ("[imu]", '[position]\nsource = "gps"\n[imu]', 'position.source = "gps": allowed: "tracker", "fixed" or "can"'),
         (
             "[imu]",
+            "[external]\nstiffness = true\n[imu]",
+            "external: allowed: constant = true beside stiffness = true: where the spring is at rest is unknown",
+        ),
+        ("[imu]", "[std]\nexternal_force = 9.0\n[imu]", "external.constant = true beside std.external_force"),
+        (
+            "[imu]",
             "[calibration]\nforce_offset = [1, 2]\n[imu]",
             "calibration.force_offset with 8 numbers, one per cable, not 2",
         ),
@@ -117,7 +123,7 @@ def test_load_calibration_file_is_taken_in(robot_file, tmp_path):
 
 def test_documented_keys_are_those_of_the_model():
     table = description.__doc__ or ""
-    for section in ("imu", "tracker", "nominal", "bus", "position", "attitude", "align", "calibration"):
+    for section in ("imu", "tracker", "nominal", "bus", "position", "attitude", "align", "external", "calibration"):
         model = {"bus": description.Bus}.get(section) or getattr(description, section.capitalize())
         for key in model.model_fields:
             stem = key.rsplit("_", 1)[0] if section == "align" else key
