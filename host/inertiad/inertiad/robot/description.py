@@ -111,7 +111,8 @@ from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.text_files import read_json, read_toml
 from inertiad.robot.messages import Range, Strict, nearest_or_known, shown, validate
-from inertiad.robot.value_types import Age, Axis, Delay, Far3, Inertia, Near3, Number3, PositiveSigma, Quaternion, Sigma
+from inertiad.robot.sensor_errors import LeftOver, Std
+from inertiad.robot.value_types import Age, Axis, Delay, Far3, Inertia, Near3, Number3, PositiveSigma, Quaternion
 
 TENSION_MAX_DEFAULT = 1e6
 """N: no cable holds more; carries no information about the platform"""
@@ -252,34 +253,6 @@ class Align(Strict):
     filter_attitude: LowPass | None = None
 
 
-class Std(Strict):
-    """Sigmas of the errors after calibration. The defaults are a good modern set of sensors, not calibrated.
-
-    None: follows from the robot's tensions, see configuration.std.
-    """
-
-    acc_bias: Sigma = 0.02
-    gyro_bias: Sigma = 1.75e-4
-    attitude: Sigma = 5.2e-3
-    world_yaw: Sigma = 8.7e-3
-    imu_alignment: Sigma = 3.5e-3
-    imu_position: Sigma = 1e-3
-    tracker_target: Sigma = 1e-3
-    force_offset: Sigma | None = None
-    force_gain: Sigma | None = None
-    force_offset_drift: Sigma | None = None
-    force_delay: Sigma = 1e-3
-    position_delay: Sigma = 5e-3
-    attitude_delay: Sigma = 5e-3
-    friction: Sigma | None = None
-    acc_scale: Sigma = 3e-3
-    gyro_scale: Sigma = 3e-3
-    external_force: Sigma | None = None
-    external_stiffness: Sigma | None = None
-    geometry: Sigma = 1e-3
-    attitude_wander: Sigma = 1.75e-3
-
-
 class External(Strict):
     """A force beside those of the cables, from a hose or an energy chain."""
 
@@ -312,21 +285,6 @@ class Estimator(Strict):
     prior_h_std: PositiveSigma | None = None
     prior_inertia_std: PositiveSigma | None = None
     prior_product_std: PositiveSigma | None = None
-
-
-class LeftOver(Strict):
-    """[calibration.std]: replaces entries of [std] by the sigmas after a calibration."""
-
-    acc_bias: Sigma | None = None
-    gyro_bias: Sigma | None = None
-    attitude: Sigma | None = None
-    world_yaw: Sigma | None = None
-    imu_alignment: Sigma | None = None
-    force_offset: Sigma | None = None
-    force_gain: Sigma | None = None
-    force_delay: Sigma | None = None
-    position_delay: Sigma | None = None
-    attitude_delay: Sigma | None = None
 
 
 class Calibration(Strict):
