@@ -212,7 +212,7 @@ static void test_push_jitter_of_rows_slower_than_max_age_is_no_gap(void)
     for (int k = 0; k < 300; ++k) { (void)push(0.1 * k + between(&seed, -0.02, 0.02), linear); }  // when
     TEST_ASSERT_EQUAL_UINT64(0, window.n_restarts);                                               // then
     TEST_ASSERT_GREATER_THAN_UINT64(100, window.n_windows);
-    (void)push(30.1, linear);  // a lost row is one
+    (void)push(30.1, linear);                                                                     // a lost row is one
     TEST_ASSERT_EQUAL_UINT64(1, window.n_restarts);
 }
 
