@@ -93,6 +93,7 @@ typedef struct {
     uint64_t n_changes_reported;             ///< payload changes
     double force_delay_reported;             ///< s
     bool is_misfit_reported;
+    bool is_widening_reported;
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];
 } daemon_t;

@@ -15,11 +15,19 @@ static void publish_row(daemon_t* d, const ipe_row_t* row, int64_t arrival_ns)
     if (is_sent && arrival_ns != 0) { ipe_histogram_push(&d->estimated, ipe_host_clock_now(&d->clock) - arrival_ns); }
 }
 
+static void publish_verdict(daemon_t* d)
+{
+    ipe_findings_t found;
+    ipe_findings_of(&d->pipeline->estimator, &d->pipeline->config, &found);
+    ipe_publish_verdict(&d->publisher, ipe_findings_verdict(&found));
+}
+
 static void step(daemon_t* d, int64_t arrival_ns)
 {
     ipe_row_t row;
     ipe_status_t status;
     while ((status = ipe_pipeline_step(d->pipeline, &row, NULL)) != IPE_NOT_READY) {
+        if (status == IPE_OK) { publish_verdict(d); }
         if (status >= IPE_OK) { publish_row(d, &row, arrival_ns); }
     }
 }

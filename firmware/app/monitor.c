@@ -11,6 +11,7 @@
 
 enum { CHECKPOINT_TICKS = 5, FACTS_TICKS = 60, STATE_EVENTS_MAX = 10 };
 static const int64_t PRESENCE_NS = NS_PER_S / 10;
+#define WIDENING_OVER 1.2  // factor on sigma below which a widening is reported as over: chosen under IPE_MISFIT_MARKED
 
 /// Report on EVENT and on stderr.
 static void report(daemon_t* d, const char* source, const char* format, ...) __attribute__((format(printf, 3, 4)));
@@ -219,6 +220,23 @@ static void report_misfit(daemon_t* d)
                           : "the forces fit again: the estimate goes on");
 }
 
+static void report_widening(daemon_t* d)
+{
+    char text[160];
+    const double factor = d->pipeline->estimator.estimate.sigma_factor;
+    const double limit = d->is_widening_reported ? WIDENING_OVER : IPE_MISFIT_MARKED;
+    if ((factor > limit) == d->is_widening_reported) { return; }
+    d->is_widening_reported = factor > limit;
+    (void)snprintf(
+        text, sizeof text,
+        d->is_widening_reported
+            ? "the estimate moves more than noise moves it: its sigmas are %.2g times wider; look at geometry, "
+              "friction of the pulleys and the force sensors"
+            : "the estimate moves as noise moves it: its sigmas are %.2g times wider",
+        factor);
+    ipe_publish_event(&d->publisher, d->last_row_ns, "misfit", text);
+}
+
 /// Once a second of data time; not at the first call, when there is nothing to compare with.
 static void check_second(daemon_t* d, int64_t t_ns)
 {
@@ -227,6 +245,7 @@ static void check_second(daemon_t* d, int64_t t_ns)
         report_lateness(d, IPE_FORCE);
         report_lateness(d, IPE_POSITION);
         for (int i = 0; i < d->config.n_cables; ++i) { report_unknown_force(d, i); }
+        report_widening(d);
         health_send(d, t_ns);
     }
     d->health_due_ns = t_ns + NS_PER_S;

@@ -144,6 +144,8 @@ static void check_std(check_t* c, const ipe_config_t* k)
         {"std_force_offset_drift", k->std_force_offset_drift},
         {"std_acc_scale", k->std_acc_scale},
         {"std_gyro_scale", k->std_gyro_scale},
+        {"std_external_force", k->std_external_force},
+        {"std_external_stiffness", k->std_external_stiffness},
     };
     for (size_t i = 0; i < sizeof std / sizeof std[0]; ++i) {
         check_range(c, std[i].field, -1, std[i].value, 0.0, 1e6, "SI");
@@ -187,6 +189,8 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     check_all(c, "force_offset", k->force_offset, IPE_CABLES_MAX, -1e6, 1e6, "N");
     check_all(c, "force_gain", k->force_gain, IPE_CABLES_MAX, -0.9, 9.0, "");
     check_std(c, k);
+    check_all(c, "external_attachment", k->external_attachment, 3, -1e3, 1e3, "m");
+    check_all(c, "external_reference", k->external_reference, 3, -1e4, 1e4, "m");
     check_range(c, "window_length", -1, k->window_length, 0.01, 10.0, "s");
     if (k->memory != 0.0) { check_range(c, "memory", -1, k->memory, 10.0, 1e9, "s, or 0: for ever"); }
     check_covariance(c, "residual_covariance", &k->residual_covariance[0][0], IPE_NY);

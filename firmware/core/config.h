@@ -91,9 +91,14 @@ typedef struct {
     double std_acc_bias, std_gyro_bias, std_attitude, std_world_yaw, std_imu_alignment, std_imu_position;
     double std_force_offset, std_force_gain, std_force_delay, std_position_delay, std_geometry, std_attitude_wander;
     double std_tracker_target, std_attitude_delay, std_friction, std_force_offset_drift, std_acc_scale, std_gyro_scale;
+    double std_external_force, std_external_stiffness;  ///< N, N/m, each axis of W; 0: there is none
 
-    double window_length;                        ///< s
-    double memory;                               ///< s of excited time after which data count 1/e; 0: for ever
+    double external_attachment[3];                      ///< P, m: where a hose or energy chain pulls
+    double
+        external_reference[3];  ///< W, m: the attachment's place at which its spring adds nothing to its constant force
+
+    double window_length;       ///< s
+    double memory;              ///< s of excited time after which data count 1/e; 0: for ever
     double residual_covariance[IPE_NY][IPE_NY];  ///< of one window at the IMU, P axes
     double prior_theta[IPE_NP];                  ///< about P
     double prior_covariance[IPE_NP][IPE_NP];

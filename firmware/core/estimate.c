@@ -48,6 +48,7 @@ ipe_status_t ipe_estimate_publish(const ipe_config_t* config, const ipe_solution
     memcpy(e->covariance, solution->covariance, sizeof e->covariance);
     ipe_eiv_correction_undo(solution->spurious, solution->prior_theta, solution->prior_covariance, theta,
                             e->covariance);
+    for (int i = 0; i < IPE_NP * IPE_NP; ++i) { e->covariance[i / IPE_NP][i % IPE_NP] *= solution->inflation; }
     ipe_body_shift(config->imu_position, theta, e->covariance);
     if (measured != NULL) { memcpy(measured, theta, sizeof theta); }
     e->consistent = ipe_consistency_check(theta);

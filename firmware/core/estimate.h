@@ -2,6 +2,7 @@
 /// From a least-squares solution about the IMU to the estimate that is published: the only place with these rules.
 ///
 ///   1. take the spurious information of a noisy regressor out of theta and P          eiv_correction.h
+///      then multiply P by what misfit demands
 ///   2. shift both from the IMU to P                                                   body.h
 ///   3. project theta onto the parameters of bodies that can exist, in the metric of P  consistency.h
 ///   4. add the uncertainty of the attachments' common place: P moves against them by std_geometry / sqrt(m);
@@ -21,6 +22,7 @@ typedef struct {
     double prior_theta[IPE_NP], prior_covariance[IPE_NP][IPE_NP];  ///< before the data
     double spurious[IPE_NP]
                    [IPE_NP];  ///< information that noise in the regressor pretends, ipe_eiv_correction_information()
+    double inflation;         ///< of P for misfit, after the correction for the regressor's noise; at least 1
     double std_geometry;      ///< m, of an attachment's place; 0: the solution contains it already
     double std_common_gain;   ///< of the force sensors' mean gain; 0: the solution contains it already
 } ipe_solution_t;
@@ -36,10 +38,12 @@ typedef struct {
     double systematic[IPE_XI_MAX];      ///< correction to the configured calibration
     double systematic_std[IPE_XI_MAX];
     bool observable[IPE_NP];            ///< of m, cog, inertia_cog: sigma at most half the prior's
-    bool consistent;     ///< physically consistent; false: theta and body are the nearest consistent ones
-    double distance;     ///< Mahalanobis distance squared to it, 0 if consistent
-    double nis;          ///< normalised innovation squared of the last window
-    uint64_t n_changes;  ///< payload changes noticed so far
+    bool consistent;         ///< physically consistent; false: theta and body are the nearest consistent ones
+    double distance;         ///< Mahalanobis distance squared to it, 0 if consistent
+    double nis;              ///< normalised innovation squared of the last window
+    uint64_t n_changes;      ///< payload changes noticed so far
+    uint32_t unknown_force;  ///< bit i: cable i's sensor has failed, the last window went on without it
+    double sigma_factor;     ///< by which the sigmas are wider, since the estimate moves too much: misfit_score.h
     bool is_misfit;  ///< held: neither this body nor another explains the windows of the last 5 s; the sigmas are wider
 } ipe_estimate_t;
 

@@ -12,6 +12,7 @@
 #define REST_WINDOWS 50   // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
 #define LEARNING_WINDOWS \
     50                    // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
+#define NIS_WINDOWS 100   // after which the mean NIS has forgotten its start: chosen twice those it is the mean of
 #define LONGEST_STEP 0.5  // s between windows over which a force changes linearly
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define DELAY_LINEAR 4e-3  // s, error (w tau)^2/2 of a linear delay: 0.2 % of a motion of 2.5 Hz
@@ -48,6 +49,7 @@ void ipe_estimator_restart_windows(ipe_estimator_t* e)
 {
     ipe_noise_restart(&e->noise);
     ipe_change_detector_restart(&e->change_detector);
+    ipe_misfit_score_restart(&e->misfit_score);
 }
 
 void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
@@ -55,15 +57,16 @@ void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const
     ipe_filter_states_predict(&e->filter_states, config, average, &e->rls);
 }
 
-/// Equations y = H x + noise of one window; X [6][xi] are the systematic columns, H [6][rls.n].
+/// Equations y = H x + noise of one window, H [6][rls.n], and the force offsets' columns as in systematic.h.
 static ipe_status_t build_equations(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
-                                    double X[IPE_NY][IPE_XI_MAX], double* H)
+                                    double* H, double by_offset[IPE_NY][IPE_CABLES_MAX])
 {
-    double Y[IPE_NY][IPE_NP];
+    double Y[IPE_NY][IPE_NP], X[IPE_NY][IPE_XI_MAX];
     ipe_regressor(average->s, average->ww, average->alpha, Y);
     if (ipe_systematic_columns(config, average, e->rls.x, X) != IPE_OK) { return IPE_ERR_GEOMETRY; }
     ipe_filter_states_rows(&e->filter_states, config, (const double (*)[3])average->R, (const double (*)[IPE_NP])Y,
                            (const double (*)[IPE_XI_MAX])X, H);
+    for (int i = 0; i < IPE_NY; ++i) { memcpy(by_offset[i], X[i] + IPE_XI_FORCE, sizeof by_offset[i]); }
     return IPE_OK;
 }
 
@@ -82,8 +85,9 @@ static double restored_slope(ipe_estimator_t* e, int cable, int64_t t_ns, double
 static ipe_status_t find_excess(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
                                 const ipe_unknown_force_t* u, double y[IPE_NY], double excess[IPE_UNKNOWN_FORCE_MAX])
 {
-    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY];
-    const ipe_status_t status = build_equations(e, config, average, X, H);
+    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX];
+    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY];
+    const ipe_status_t status = build_equations(e, config, average, H, by_offset);
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&e->rls, H, y, innovation, S);
     memcpy(L, e->noise.L, sizeof L);
@@ -155,6 +159,7 @@ static void loosen_theta(ipe_estimator_t* e, const ipe_config_t* config)
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&e->rls, i, std[i] * std[i]); }
     memset(&e->eiv_correction, 0, sizeof e->eiv_correction);
     ipe_noise_restart(&e->noise);
+    ipe_misfit_score_restart(&e->misfit_score);
     ipe_pose_dwell_restart(&e->pose_dwell);
 }
 
@@ -181,11 +186,11 @@ static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
 {
-    double X[IPE_NY][IPE_XI_MAX], H[IPE_NY * IPE_NX_MAX], innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY],
-        y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX], unused;
+    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX];
+    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY], y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX], unused;
     ipe_unknown_force_t u;
     const int n_rest = ipe_pose_dwell_push(&e->pose_dwell, config, average);
-    ipe_status_t status = build_equations(e, config, average, X, H);  // averages -> rows of the states
+    ipe_status_t status = build_equations(e, config, average, H, by_offset);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
     ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
     memcpy(L, e->noise.L, sizeof L);
@@ -194,6 +199,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     if (status != IPE_OK) { return status; }
     status = ipe_unknown_force_take_out(&u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
     if (status != IPE_OK) { return status; }
+    e->unknown_force = average->unknown_force;
     e->n_unknown_force += u.n > 0;
     e->nis = ipe_change_detector_nis(innovation, S, e->noise.L);
     if (n_rest > REST_WINDOWS && !(e->nis > IPE_CHANGE_DETECTOR_NIS_LIMIT) &&
@@ -209,11 +215,14 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
     }
     if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_theta(e, config); }
     if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
-    ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_XI_MAX])X, average->f, innovation,
-                                           (const double (*)[IPE_NY])S, (const double (*)[IPE_NY])e->noise.L, H);
+    ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_CABLES_MAX])by_offset, average->f,
+                                           innovation, (const double (*)[IPE_NY])S,
+                                           (const double (*)[IPE_NY])e->noise.L, H);
     if (verdict == IPE_CHANGE_DETECTOR_USE) { weigh(e, L); }
+    ipe_misfit_score_before(&e->misfit_score, &e->rls);
     status = ipe_rls_update(&e->rls, H, y, (const double (*)[IPE_NY])L, &unused);  // rows -> states, P
     if (status != IPE_OK) { return status; }
+    if (e->noise.n_summed >= LEARNING_WINDOWS) { ipe_misfit_score_after(&e->misfit_score, &e->rls, average->t_ns); }
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) { learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S); }
     if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
@@ -239,13 +248,20 @@ bool ipe_estimator_move_force_delay(ipe_estimator_t* e, const ipe_config_t* conf
     return true;
 }
 
+/// By what misfit widens the published sigmas. The mean NIS needs some time to forget that it was unknown.
+static double sigma_factor(const ipe_estimator_t* e)
+{
+    const bool is_nis_known = e->rls.n_updates > NIS_WINDOWS;
+    return ipe_misfit_score_factor(&e->misfit_score, &e->noise, is_nis_known ? e->change_detector.level : 0.0);
+}
+
 void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution)
 {
     memset(solution, 0, sizeof *solution);
     memcpy(solution->theta, e->rls.x, sizeof solution->theta);
     ipe_rls_covariance(&e->rls, IPE_NP, &solution->covariance[0][0]);
-    const double inflation = ipe_change_detector_inflation(&e->change_detector);
-    for (int i = 0; i < IPE_NP * IPE_NP; ++i) { solution->covariance[i / IPE_NP][i % IPE_NP] *= inflation; }
+    const double factor = sigma_factor(e);
+    solution->inflation = fmax(ipe_change_detector_inflation(&e->change_detector), factor * factor);
     ipe_prior_at_imu(config, solution->prior_theta, solution->prior_covariance);
     ipe_eiv_correction_information(&e->eiv_correction, e->noise.L, ipe_noise_level(&e->noise), solution->spurious);
     solution->std_geometry = config->std_geometry;
@@ -268,7 +284,9 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
                             .n_rows = e->n_rows,
                             .nis = e->nis,
                             .n_changes = e->change_detector.n_changes,
-                            .is_misfit = ipe_change_detector_is_misfit(&e->change_detector)};
+                            .is_misfit = ipe_change_detector_is_misfit(&e->change_detector),
+                            .unknown_force = e->unknown_force,
+                            .sigma_factor = sigma_factor(e)};
     ipe_estimator_solution(e, config, &solution);
     ipe_estimate_prior_body(config, &prior);
     const ipe_status_t status = ipe_estimate_publish(config, &solution, &prior, NULL, &found);

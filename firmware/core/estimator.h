@@ -4,10 +4,11 @@
 ///   predict   the states to the window's time                                     filter_states.h
 ///   update    equations -> innovation -> static? other payload? -> forget -> rows into the filter -> noise
 ///   publish   theta, P -> estimate                                                 estimate.h
-/// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta
-/// to what the robot can carry; while it is only suspected the windows are held back, change_detector.h. The noise that whitens the equations is the innovations' own long-run covariance.
-/// The daemon's pipeline and the host's rehearsal of a planned motion run this same cycle. Everything it has learnt is in
-/// ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
+/// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta to
+/// what the robot can carry; while it is only suspected the windows are held back, change_detector.h. Where the estimate
+/// moves more than its sigma allows, the published sigma is wider, misfit_score.h. The noise that whitens the equations is
+/// the innovations' own long-run covariance. The daemon's pipeline and the host's rehearsal of a planned motion run this
+/// same cycle. Everything it has learnt is in ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
 /// Source: firmware/DESIGN.md, "Filter". 14 KB of state, 90 us per window of 8 cables, no heap, one thread.
 #ifndef IPE_ESTIMATOR_H
 #define IPE_ESTIMATOR_H
@@ -17,6 +18,7 @@
 #include "eiv_correction.h"
 #include "estimate.h"
 #include "filter_states.h"
+#include "misfit_score.h"
 #include "noise.h"
 #include "pose_dwell.h"
 #include "rls.h"
@@ -31,6 +33,7 @@ typedef struct {
     ipe_eiv_correction_t eiv_correction;
     ipe_change_detector_t change_detector;
     ipe_pose_dwell_t pose_dwell;
+    ipe_misfit_score_t misfit_score;
     double force_delay;  ///< s, estimated; the caller takes it out of the forces before they come here; 0: none
     int n_delays;        ///< times it was
     double nis;          ///< normalised innovation squared of the last window
@@ -38,6 +41,7 @@ typedef struct {
     double restored[IPE_CABLES_MAX];      ///< last most probable reading of each failed sensor, N
     int64_t restored_ns[IPE_CABLES_MAX];  ///< middle of its window
     uint64_t n_weighted;                  ///< windows that counted for less because they stood out
+    uint32_t unknown_force;               ///< of the last window, as in ipe_average_t
     uint64_t n_unknown_force;             ///< windows with a force unknown
     uint64_t n_rows;                      ///< rows the windows were made of, counted by the caller
     uint64_t n_refused;                   ///< estimates not published because a value was not finite

@@ -40,6 +40,8 @@ static const struct {
     [IPE_BLOCK_IMU_POSITION] = {"imu_position", 3, 0, AS_THEY_ARE, IPE_XI_IMU_POSITION, 0, 0},
     [IPE_BLOCK_TRACKER_TARGET] = {"tracker_target", 3, 0, AS_THEY_ARE, IPE_XI_TRACKER_TARGET, 0, 0},
     [IPE_BLOCK_CABLE_INERTIA] = {"cable_inertia", 1, 0, AS_THEY_ARE, IPE_XI_CABLE_INERTIA, 0, 0},
+    [IPE_BLOCK_EXTERNAL_FORCE] = {"external_force", 3, 0, AS_THEY_ARE, IPE_XI_EXTERNAL_FORCE, 0, 0},
+    [IPE_BLOCK_EXTERNAL_STIFFNESS] = {"external_stiffness", 3, 0, AS_THEY_ARE, IPE_XI_EXTERNAL_STIFFNESS, 0, 0},
     [IPE_BLOCK_FORCE_OFFSET] = {"force_offset", 0, 1, AS_THEY_ARE, IPE_XI_FORCE, 0, 0},
     [IPE_BLOCK_FORCE_GAIN] = {"force_gain", -1, 1, ZERO_SUM, IPE_XI_FORCE, 1, 0},
     [IPE_BLOCK_FRICTION] = {"friction", 1, 0, SUMMED, IPE_XI_FORCE, 2, 0},
@@ -119,8 +121,9 @@ static double implausible_value(const ipe_rls_t* rls, int i, double std)
 
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls)
 {
-    const ipe_block_t of_unsure_prior[] = {IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY,    IPE_BLOCK_ATTITUDE_DELAY,
-                                           IPE_BLOCK_IMU_POSITION,   IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION};
+    const ipe_block_t of_unsure_prior[] = {
+        IPE_BLOCK_POSITION_DELAY, IPE_BLOCK_FORCE_DELAY, IPE_BLOCK_ATTITUDE_DELAY, IPE_BLOCK_IMU_POSITION,
+        IPE_BLOCK_TRACKER_TARGET, IPE_BLOCK_FRICTION,    IPE_BLOCK_EXTERNAL_FORCE, IPE_BLOCK_EXTERNAL_STIFFNESS};
     for (size_t k = 0; k < sizeof of_unsure_prior / sizeof of_unsure_prior[0]; ++k) {
         const ipe_block_t b = of_unsure_prior[k];
         const int first = s->layout.first[b], end = first + s->layout.count[b];
@@ -349,7 +352,8 @@ static bool noise_part(const double innovation[IPE_NY], const double S[IPE_NY][I
     return true;
 }
 
-void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX],
+void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s,
+                                            const double by_offset[IPE_NY][IPE_CABLES_MAX],
                                             const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
                                             const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H)
 {
@@ -359,7 +363,7 @@ void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const 
     if (n_gains == 0 || !noise_part(innovation, S, L, noise)) { return; }
     for (int i = 0; i < IPE_NY; ++i) {  // the wrench of a tension is minus its offset's column
         for (int j = 0; j < IPE_NY; ++j) {
-            for (int k = 0; k < m; ++k) { B[i][j] += X[i][IPE_XI_FORCE + k] * X[j][IPE_XI_FORCE + k]; }
+            for (int k = 0; k < m; ++k) { B[i][j] += by_offset[i][k] * by_offset[j][k]; }
         }
         trace += B[i][i];
     }
@@ -368,11 +372,11 @@ void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const 
     cholesky_solve(&B[0][0], IPE_NY, noise, noise);
     for (int k = 0; k < m; ++k) {
         denoised[k] = f[k];
-        for (int j = 0; j < IPE_NY; ++j) { denoised[k] += X[j][IPE_XI_FORCE + k] * noise[j]; }
+        for (int j = 0; j < IPE_NY; ++j) { denoised[k] += by_offset[j][k] * noise[j]; }
     }
     for (int j = 0; j < IPE_NY; ++j) {
         double of_gain[IPE_CABLES_MAX];
-        for (int k = 0; k < m; ++k) { of_gain[k] = X[j][IPE_XI_FORCE + k] * denoised[k]; }
+        for (int k = 0; k < m; ++k) { of_gain[k] = by_offset[j][k] * denoised[k]; }
         row_of_block(s, ZERO_SUM, of_gain, n_gains, m, H + j * n + first);
     }
 }

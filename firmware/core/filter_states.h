@@ -2,7 +2,8 @@
 /// States of the filter on the platform, in blocks, and their equations:  y = [Y, -X, -G, -A] x + noise.
 ///
 ///   theta      10       inertial parameters about the IMU
-///   attitude .. tracker target  up to 19  systematic errors of the sensors, a block each, systematic.h
+///   attitude .. cable inertia  up to 20  systematic errors of sensors and cables, a block each, systematic.h
+///   external force, stiffness  up to 6  of a hose or an energy chain, W axes
 ///   force offset m     random walk of std_force_offset_drift
 ///   force gain m - 1   gains in an orthonormal basis of those that sum to zero: the common one scales theta and is not
 ///                      observable; its sigma is added when the estimate is published, estimate.h
@@ -41,6 +42,8 @@ typedef enum {
     IPE_BLOCK_IMU_POSITION,
     IPE_BLOCK_TRACKER_TARGET,
     IPE_BLOCK_CABLE_INERTIA,
+    IPE_BLOCK_EXTERNAL_FORCE,
+    IPE_BLOCK_EXTERNAL_STIFFNESS,
     IPE_BLOCK_FORCE_OFFSET,
     IPE_BLOCK_FORCE_GAIN,
     IPE_BLOCK_FRICTION,
@@ -75,7 +78,7 @@ const char* ipe_filter_states_name(ipe_block_t block);
 /// One sigma [layout.n - IPE_NP] of each state after theta before any data, > 0.
 void ipe_filter_states_std(const ipe_filter_states_t* s, double std[IPE_NX_MAX - IPE_NP]);
 
-/// Widen the prior of a delay, place or friction whose estimate the prior makes implausible, beyond 3 sigma: its sigma
+/// Widen the prior of a delay, place, friction or external force whose estimate the prior makes implausible, beyond 3 sigma: its sigma
 /// becomes what the data alone say, as if it had been from the start. Such declarations are often wrong by factors, and a
 /// Gaussian prior would pull the error into the body: forces 20 ms late under a sigma of 1 ms came out as 12 ms.
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls);
@@ -100,14 +103,15 @@ double ipe_filter_states_common_gain_std(const ipe_config_t* config);
 
 /// Rebuild the gain columns of H from tensions without their noise; f [m] are the measured ones, N.
 ///
-///   X              systematic columns that H was made of
+///   by_offset      columns of the force offsets [6][m], as in systematic.h
 ///   innovation, S  of H [6], and its covariance by the states [6][6]
 ///   L              factor of the noise's covariance
 ///
 /// With measured tensions a gain common to all cables correlates with their noise, and the estimated body becomes too
 /// light: 1 % on a slow robot of 6 cables, at 3 sigma. The noise's part of the innovation, V (S + V)^-1 of it, is
 /// attributed to the smallest change of tensions that explains it.
-void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s, const double X[IPE_NY][IPE_XI_MAX],
+void ipe_filter_states_denoise_gain_columns(const ipe_filter_states_t* s,
+                                            const double by_offset[IPE_NY][IPE_CABLES_MAX],
                                             const double f[IPE_CABLES_MAX], const double innovation[IPE_NY],
                                             const double S[IPE_NY][IPE_NY], const double L[IPE_NY][IPE_NY], double* H);
 

@@ -74,6 +74,13 @@ double ipe_noise_level(const ipe_noise_t* s)
     return exp(sum / IPE_NY);
 }
 
+double ipe_noise_growth(const ipe_noise_t* s)
+{
+    double largest = 0.0;
+    for (int i = 0; i < IPE_NY; ++i) { largest = fmax(largest, learnt_variance(s, i) / s->prior[i]); }
+    return sqrt(largest);
+}
+
 void ipe_noise_restart(ipe_noise_t* s)
 {
     s->n_past = 0;

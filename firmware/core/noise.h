@@ -36,6 +36,9 @@ double ipe_noise_weight(double nis);
 /// Geometric mean over the channels of the variance to whiten with, in units of the configured one.
 double ipe_noise_level(const ipe_noise_t* s);
 
+/// Largest of the channels' standard deviations to whiten with, in units of the configured ones.
+double ipe_noise_growth(const ipe_noise_t* s);
+
 /// A gap: the next window does not follow the last.
 void ipe_noise_restart(ipe_noise_t* s);
 

@@ -12,7 +12,7 @@
 #include <stdio.h>
 #include <string.h>
 
-static_assert(IPE_XI_FORCE == IPE_XI_CABLE_INERTIA + 1, "the table and the numbers in systematic.h agree");
+static_assert(IPE_XI_FORCE == IPE_XI_EXTERNAL_STIFFNESS + 3, "the table and the numbers in systematic.h agree");
 
 #define STEP 1e-4  // m and rad of the central differences: error 1e-8 relative by truncation, 1e-11 by rounding
 
@@ -37,6 +37,8 @@ static const ipe_systematic_kind_t kinds[] = {
     KIND("gyro_scale", "1", 1, 0, std_gyro_scale, true),
     KIND("gyro_bias", "rad/s", 3, 0, std_gyro_bias, true),
     {"cable_inertia", "1", 1, 0, NOT_CONFIGURED, false},
+    KIND("external_force", "N", 3, 0, std_external_force, false),
+    KIND("external_stiffness", "N/m", 3, 0, std_external_stiffness, false),
     KIND("force_offset", "N", 0, 1, std_force_offset, false),
     KIND("force_gain", "1", 0, 1, std_force_gain, false),
     KIND("friction", "1", 0, 1, std_friction, false),
@@ -181,6 +183,25 @@ static void force_columns(const ipe_config_t* config, const ipe_average_t* a, co
         }
         X[j][IPE_XI_FORCE_DELAY] = by_delay;
         X[j][IPE_XI_CABLE_INERTIA] = a->cable_inertia[j];
+    }
+}
+
+/// Force along each axis of W at the external attachment, and minus that times its way from the reference.
+static void external_columns(const ipe_config_t* config, const ipe_average_t* a, double X[IPE_NY][IPE_XI_MAX])
+{
+    double arm[3], turned[3], way[3];
+    vec3_axpy(config->external_attachment, -1.0, config->imu_position, arm);
+    mat3_mul_vec(a->R, config->external_attachment, turned);
+    vec3_axpy(a->p, 1.0, turned, way);
+    vec3_axpy(way, -1.0, config->external_reference, way);
+    for (int i = 0; i < 3; ++i) {
+        double wrench[IPE_NY];
+        memcpy(wrench, a->R[i], 3 * sizeof(double));  // R^T e_i
+        vec3_cross(arm, wrench, wrench + 3);
+        for (int j = 0; j < IPE_NY; ++j) {
+            X[j][IPE_XI_EXTERNAL_FORCE + i] = wrench[j];
+            X[j][IPE_XI_EXTERNAL_STIFFNESS + i] = -way[i] * wrench[j];
+        }
     }
 }
 
@@ -350,6 +371,7 @@ ipe_status_t ipe_systematic_columns(const ipe_config_t* config, const ipe_averag
     }
     pose_columns(config, average, by_position, by_attitude, X);
     force_columns(config, average, W, X);
+    external_columns(config, average, X);
     motion_columns(config, average, theta, X);
     add_turned_attitude(config, by_attitude, X);
     add_estimated_columns(config, average, (const double (*)[3])by_attitude, theta, X);

@@ -9,6 +9,7 @@
 ///   IMU position                    moves the place that s belongs to: s(reference) = s - ([alpha]x + [w]x[w]x) xi;
 ///                                   theta and the wrench stay about the configured place
 ///   force offset, gain, delay       change the tensions
+///   external force, stiffness       F = force - diag(stiffness) (p + R b - reference) at b adds to the cables' wrench
 ///   friction, one of each cable     tension at the platform = measured (1 + xi share z), z = sgn(cable travel), wrench.h,
 ///                                   share of the pulley's wrap, cable.h
 /// The wrench's part is taken at the pose, tensions and slopes of the window's middle, its derivative with respect to pose
@@ -25,20 +26,22 @@
 #include <stddef.h>
 
 enum {
-    IPE_XI_ATTITUDE = 0,          ///< rad, P axes: R_true = R exp(xi)
-    IPE_XI_YAW = 3,               ///< rad: R_true = Rz(xi) R
-    IPE_XI_ACC_BIAS = 4,          ///< m/s2, I axes
-    IPE_XI_ALIGNMENT = 7,         ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
-    IPE_XI_POSITION_DELAY = 10,   ///< s
-    IPE_XI_FORCE_DELAY = 11,      ///< s
-    IPE_XI_ATTITUDE_DELAY = 12,   ///< s
-    IPE_XI_IMU_POSITION = 13,     ///< m, P
-    IPE_XI_TRACKER_TARGET = 16,   ///< m, P
-    IPE_XI_ACC_SCALE = 19,        ///< 1
-    IPE_XI_GYRO_SCALE = 20,       ///< 1
-    IPE_XI_GYRO_BIAS = 21,        ///< rad/s, I axes
-    IPE_XI_CABLE_INERTIA = 24,    ///< 1: the cables' inertia is (1 + xi) times that of cable_inertia.h
-    IPE_XI_FORCE = IPE_XI_FIXED,  ///< offsets m [N], then gains m [1], then frictions m [1]
+    IPE_XI_ATTITUDE = 0,             ///< rad, P axes: R_true = R exp(xi)
+    IPE_XI_YAW = 3,                  ///< rad: R_true = Rz(xi) R
+    IPE_XI_ACC_BIAS = 4,             ///< m/s2, I axes
+    IPE_XI_ALIGNMENT = 7,            ///< rad, P axes: R_PI_true = exp(xi) R_PI, so s, w and the attitude turn
+    IPE_XI_POSITION_DELAY = 10,      ///< s
+    IPE_XI_FORCE_DELAY = 11,         ///< s
+    IPE_XI_ATTITUDE_DELAY = 12,      ///< s
+    IPE_XI_IMU_POSITION = 13,        ///< m, P
+    IPE_XI_TRACKER_TARGET = 16,      ///< m, P
+    IPE_XI_ACC_SCALE = 19,           ///< 1
+    IPE_XI_GYRO_SCALE = 20,          ///< 1
+    IPE_XI_GYRO_BIAS = 21,           ///< rad/s, I axes
+    IPE_XI_CABLE_INERTIA = 24,       ///< 1: the cables' inertia is (1 + xi) times that of cable_inertia.h
+    IPE_XI_EXTERNAL_FORCE = 25,      ///< N, W: on the platform, with the attachment at external_reference
+    IPE_XI_EXTERNAL_STIFFNESS = 28,  ///< N/m, W: what that force loses per metre away from there, each axis
+    IPE_XI_FORCE = IPE_XI_FIXED,     ///< offsets m [N], then gains m [1], then frictions m [1]
 };
 
 /// Systematic parameters of one kind. Kinds lie in xi one after the other.

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define GAP_PERIODS 1.8            // between rows: chosen under 2, so that one lost row is seen in spite of jitter
+#define SLOW_PERIODS 1.5           // the same for rows slower than max_age, whose jitter is no gap
 #define GAP_FRACTION (1.0 / 40.0)  // of the window, 10 ms of 0.4 s: chosen so that a shorter gap does no harm
 #define MIN_QUARTER 2              // samples per quarter window: the least that gives the kernel a shape
 #define STEP_BACK_S 1.0            // s, chosen over any reordering: a stamp this far back means the clock was stepped
@@ -20,7 +21,7 @@ static void set_period(ipe_window_t* x, double period)
     memset(&x->noise_density, 0, sizeof x->noise_density);
     x->period = period;
     x->length = 4.0 * quarter * period;
-    x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, 1.01 * period));
+    x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, SLOW_PERIODS * period));
 }
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)

@@ -133,6 +133,10 @@ static void copy_calibration(ipe_config_t* to, const wire_t* from)
     to->std_force_offset_drift = from->std_force_offset_drift;
     to->std_acc_scale = from->std_acc_scale;
     to->std_gyro_scale = from->std_gyro_scale;
+    to->std_external_force = from->std_external_force;
+    to->std_external_stiffness = from->std_external_stiffness;
+    COPY(to->external_attachment, from->external_attachment);
+    COPY(to->external_reference, from->external_reference);
 }
 
 static void copy_estimator(ipe_config_t* to, const wire_t* from)

@@ -2,6 +2,7 @@
 #include "estimate_file.h"
 
 #include "atomic_file.h"
+#include "findings.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -106,6 +107,8 @@ static void put_estimate(text_t* t, const ipe_estimate_t* estimate, const ipe_co
     put(t, "  \"consistent\": %s,\n", estimate->consistent ? "true" : "false");
     put_observable(t, estimate->observable);
     put(t, "  \"changes\": %" PRIu64 ",\n", estimate->n_changes);
+    put(t, "  \"is_misfit\": %s,\n", estimate->is_misfit ? "true" : "false");
+    put(t, "  \"sigma_factor\": %.17g,\n", estimate->sigma_factor);
 }
 
 static void put_no_estimate(text_t* t)
@@ -113,6 +116,26 @@ static void put_no_estimate(text_t* t)
     put(t, "  \"mass\": null,\n  \"cog\": null,\n  \"inertia_cog\": null,\n  \"consistent\": false,\n");
     put(t, "  \"observable\": {\"mass\": false, \"cog\": [false, false, false], ");
     put(t, "\"inertia_cog\": [false, false, false, false, false, false]},\n");
+}
+
+static void put_finding(text_t* t, const ipe_finding_t* f)
+{
+    put(t, "\n    {\"name\": \"%s\", \"severity\": \"%s\", \"says\": \"%s\",", f->name, ipe_severity_name(f->severity),
+        f->says);
+    put(t, " \"evidence\": {%s}, \"do\": \"%s\"}", f->evidence, f->remedy);
+}
+
+static void put_findings(text_t* t, const ipe_pipeline_t* p)
+{
+    ipe_findings_t found;
+    ipe_findings_of(&p->estimator, &p->config, &found);
+    put(t, "  \"converged\": %s,\n", ipe_findings_has_converged(&p->estimator) ? "true" : "false");
+    put(t, "  \"verdict\": \"%s\",\n  \"findings\": [", ipe_severity_name(ipe_findings_verdict(&found)));
+    for (int i = 0; i < found.n; ++i) {
+        if (i > 0) { put(t, ","); }
+        put_finding(t, &found.item[i]);
+    }
+    put(t, "%s],\n", found.n > 0 ? "\n  " : "");
 }
 
 static void put_counters(text_t* t, const ipe_counters_t* counters)
@@ -133,6 +156,7 @@ static void put_run(text_t* t, const ipe_run_t* run)
     } else {
         put_no_estimate(t);
     }
+    put_findings(t, run->pipeline);
     put(t,
         "  \"samples\": {\"frames\": %" PRIu64 ", \"used\": %" PRIu64 ", \"rejected\": %" PRIu64
         ", \"windows\": %" PRIu64 "},\n",

@@ -3,7 +3,8 @@
 ///
 ///   {"method", "mass": {"value", "std"}, "cog": {...}, "inertia_cog": {...},
 ///    "attitude_bias", "world_yaw", "acc_bias", "imu_alignment", "position_delay", "force_offset", "force_gain": {...},
-///    "consistent", "observable": {...}, "changes",
+///    "consistent", "observable": {...}, "changes", "is_misfit", "sigma_factor",
+///    "converged", "verdict": "good"|"care"|"stop", "findings": [{"name", "severity", "says", "evidence": {...}, "do"}],
 ///    "samples": {"frames", "used", "rejected", "windows"}, "duration_s", "counters": {...}}
 ///
 /// kg, m, kg m2; P to C; xx yy zz yz xz xy, matrix entries; std is one standard deviation; sensor errors as in

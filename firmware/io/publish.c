@@ -257,11 +257,19 @@ static bool send_estimate(ipe_publish_t* p, int64_t now_ns, const ipe_estimate_t
     inertiad_lcm_estimate_t message = {.sequence = p->sequence[IPE_PUBLISH_ESTIMATE],
                                        .n_dropped = (int64_t)p->n_input_dropped,
                                        .systematic_name = p->systematic_names,
-                                       .verdict = estimate->is_misfit ? INERTIAD_LCM_ESTIMATE_T_CARE
-                                                                      : INERTIAD_LCM_ESTIMATE_T_UNKNOWN};
+                                       .verdict = p->verdict};
     copy_estimate(&message, estimate);
     return send(p, IPE_PUBLISH_ESTIMATE, now_ns,
                 inertiad_lcm_estimate_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+static_assert((int)IPE_SEVERITY_GOOD == INERTIAD_LCM_ESTIMATE_T_GOOD, "severities are numbered as in the message");
+static_assert((int)IPE_SEVERITY_CARE == INERTIAD_LCM_ESTIMATE_T_CARE, "severities are numbered as in the message");
+static_assert((int)IPE_SEVERITY_STOP == INERTIAD_LCM_ESTIMATE_T_STOP, "severities are numbered as in the message");
+
+void ipe_publish_verdict(ipe_publish_t* p, ipe_severity_t verdict)
+{
+    p->verdict = (int8_t)verdict;
 }
 
 bool ipe_publish_row(ipe_publish_t* p, const ipe_row_t* row, const ipe_estimate_t* estimate, uint64_t n_dropped)

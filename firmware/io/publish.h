@@ -13,6 +13,7 @@
 #include "command.h"
 #include "bus_state.h"
 #include "counters.h"
+#include "findings.h"
 #include "histogram.h"
 #include "host_facts.h"
 #include "message.h"
@@ -78,6 +79,7 @@ typedef struct {
     int n_cables;
     int64_t estimate_period_ns, estimate_due_ns;
     bool has_estimate_due;
+    int8_t verdict;  ///< of the estimates to come, as in estimate_t.lcm
     ipe_message_limit_t limit;
 
     char systematic_name[IPE_XI_MAX][IPE_SYSTEMATIC_NAME_MAX];
@@ -123,6 +125,9 @@ void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame);
 /// Add to ORDER what is used now, between the last frame and the next: kind, t_ns and value [3] as in order_item_t.lcm;
 /// value NULL: zeros.
 void ipe_publish_order(ipe_publish_t* p, int kind, int64_t t_ns, const double* value);
+
+/// The verdict of the estimates to come; before the first call they are not judged.
+void ipe_publish_verdict(ipe_publish_t* p, ipe_severity_t verdict);
 
 /// Add a row to the open SIGNALS block, which is sent when 16 ms are full; then send ESTIMATE if it is due at the row's
 /// time. An estimate with a value that is not finite is never sent.

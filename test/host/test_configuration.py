@@ -196,6 +196,25 @@ def test_force_offset_follows_the_tensions_unless_it_is_declared(robot_file):
     assert given.std_force_offset_drift == pytest.approx(2.0 / np.sqrt(10800.0))
 
 
+def test_external_force_is_there_only_where_it_is_declared(robot_file):
+    none, _ = compiled(robot_file(minimal_toml(4) + BODY))
+    assert (none.std_external_force, none.std_external_stiffness) == (0.0, 0.0)
+    constant, _ = compiled(
+        robot_file(minimal_toml(4) + BODY + "[external]\nconstant = true\nattachment = [0, 0, 0.2]\n")
+    )
+    assert constant.std_external_force == pytest.approx(0.05 * 20.0 * 9.81) and constant.std_external_stiffness == 0.0
+    assert list(constant.external_attachment) == [0.0, 0.0, 0.2]
+    anchors = [constant.cable[i].anchor for i in range(4)]
+    assert constant.external_reference == pytest.approx(np.mean(anchors, axis=0))
+    spring = "[external]\nconstant = true\nstiffness = true\nreference = [1, 2, 3]\n"
+    hose, _ = compiled(robot_file(minimal_toml(4) + BODY + spring))
+    assert hose.std_external_stiffness > 0.0 and list(hose.external_reference) == [1.0, 2.0, 3.0]
+    given, _ = compiled(robot_file(minimal_toml(4) + BODY + spring + "[std]\nexternal_force = 7.0\n"))
+    assert given.std_external_force == 7.0
+    share = given.std_external_stiffness / hose.std_external_stiffness
+    assert share == pytest.approx(7.0 / hose.std_external_force)
+
+
 def test_force_sensors_at_the_winch_are_allowed_more_friction(robot_file):
     platform, _ = compiled(robot_file(minimal_toml(2)))
     winch, _ = compiled(robot_file(minimal_toml(2).replace("[cables]\n", '[cables]\nforce_at = "winch"\n')))

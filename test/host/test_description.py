@@ -53,6 +53,12 @@ def refused(path):
         ("[imu]", '[position]\nsource = "gps"\n[imu]', 'position.source = "gps": allowed: "tracker", "fixed" or "can"'),
         (
             "[imu]",
+            "[external]\nstiffness = true\n[imu]",
+            "external: allowed: constant = true beside stiffness = true: where the spring is at rest is unknown",
+        ),
+        ("[imu]", "[std]\nexternal_force = 9.0\n[imu]", "external.constant = true beside std.external_force"),
+        (
+            "[imu]",
             "[calibration]\nforce_offset = [1, 2]\n[imu]",
             "calibration.force_offset with 8 numbers, one per cable, not 2",
         ),

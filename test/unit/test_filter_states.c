@@ -23,6 +23,7 @@ void setUp(void)
     config.std_world_yaw = config.std_acc_bias = config.std_imu_alignment = config.std_position_delay = 0.1;
     config.std_force_delay = config.std_attitude_delay = config.std_imu_position = config.std_tracker_target = 0.2;
     config.std_force_offset = 5.0, config.std_force_gain = 0.01, config.std_friction = 0.02;
+    config.std_external_force = 20.0, config.std_external_stiffness = 6.0;
     for (int i = 0; i < 8; ++i) { config.cable[i].weight_per_length = 1.0; }
     for (int i = 0; i < 8; ++i) { config.force_gain[i] = 0.01 * i; }
     fill_normal(&seed, &Y[0][0], IPE_NY * IPE_NP);
@@ -44,10 +45,14 @@ void tearDown(void)
 static void test_std_are_the_configured_ones(void)
 {
     double std[IPE_NX_MAX - IPE_NP];
-    ipe_filter_states_std(&states, std);                        // when
-    TEST_ASSERT_EQUAL_INT(IPE_NP + 20 + 8 + 7 + 1 + 6 + 3, N);  // then
+    ipe_filter_states_std(&states, std);                            // when
+    TEST_ASSERT_EQUAL_INT(IPE_NP + 20 + 6 + 8 + 7 + 1 + 6 + 3, N);  // then
     TEST_ASSERT_EQUAL_DOUBLE(1e-3, std[0]);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, std[AT(IPE_BLOCK_CABLE_INERTIA) - IPE_NP]);
+    for (int i = 0; i < 3; ++i) {
+        TEST_ASSERT_EQUAL_DOUBLE(20.0, std[AT(IPE_BLOCK_EXTERNAL_FORCE) - IPE_NP + i]);
+        TEST_ASSERT_EQUAL_DOUBLE(6.0, std[AT(IPE_BLOCK_EXTERNAL_STIFFNESS) - IPE_NP + i]);
+    }
     for (int i = 0; i < 7; ++i) { TEST_ASSERT_EQUAL_DOUBLE(0.01, std[AT(IPE_BLOCK_FORCE_GAIN) - IPE_NP + i]); }
     for (int i = 0; i < 6; ++i) { TEST_ASSERT_EQUAL_DOUBLE(2e-3, std[PATTERN - IPE_NP + i]); }
     for (int i = 0; i < 3; ++i) { TEST_ASSERT_EQUAL_DOUBLE(3e-3, std[WANDER - IPE_NP + i]); }
@@ -80,9 +85,10 @@ static void test_rows_of_absent_blocks_are_not_there(void)
     ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, all);
     const ipe_filter_layout_t full = states.layout;
     config.std_force_gain = config.std_attitude_wander = config.std_imu_position = 0.0;  // given
+    config.std_external_force = config.std_external_stiffness = 0.0;
     ipe_filter_states_init(&states, &config);
-    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);           // when
-    TEST_ASSERT_EQUAL_INT(full.n - 7 - 3 - 3, N);                                        // then
+    ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);  // when
+    TEST_ASSERT_EQUAL_INT(full.n - 7 - 3 - 3 - 6, N);                           // then
     for (int b = 0; b < IPE_BLOCKS; ++b) {
         for (int j = 0; j < IPE_NY; ++j) {
             for (int i = 0; i < states.layout.count[b]; ++i) {
@@ -312,15 +318,19 @@ static void test_plausible_priors_stay(void)
 static void denoise_gains(double share, const double f[8], double noisy[IPE_CABLES_MAX])
 {
     double L[IPE_NY][IPE_NY] = {{0.0}}, S[IPE_NY][IPE_NY] = {{0.0}}, innovation[IPE_NY] = {0.0};
+    double by_offset[IPE_NY][IPE_CABLES_MAX];
     const double v[IPE_NY] = {0.2, -0.1, 0.3, 0.05, -0.2, 0.1};
     ipe_filter_states_rows(&states, &config, (const double (*)[3])R, Y, X, H);
-    for (int i = 0; i < IPE_NY; ++i) { L[i][i] = 2.0, S[i][i] = 4.0 * share; }
+    for (int i = 0; i < IPE_NY; ++i) {
+        L[i][i] = 2.0, S[i][i] = 4.0 * share;
+        memcpy(by_offset[i], X[i] + IPE_XI_FORCE, 8 * sizeof(double));
+    }
     for (int k = 0; k < 8; ++k) {
         noisy[k] = f[k];
         for (int j = 0; j < IPE_NY; ++j) { noisy[k] += H[j * N + OFFSET + k] * v[j]; }
         for (int j = 0; j < IPE_NY; ++j) { innovation[j] += H[j * N + OFFSET + k] * (noisy[k] - f[k]); }
     }
-    ipe_filter_states_denoise_gain_columns(&states, X, noisy, innovation, (const double (*)[IPE_NY])S,
+    ipe_filter_states_denoise_gain_columns(&states, by_offset, noisy, innovation, (const double (*)[IPE_NY])S,
                                            (const double (*)[IPE_NY])L, H);
 }
 

@@ -204,6 +204,18 @@ static void test_push_slow_rows_lost_restart_windows(void)
     TEST_ASSERT_EQUAL_UINT64(1, window.n_restarts);     // then
 }
 
+static void test_push_jitter_of_rows_slower_than_max_age_is_no_gap(void)
+{
+    config.sample_rate = 10.0;  // given: 10 Hz, stamps off by up to 20 ms
+    config.max_age[IPE_IMU] = 0.1;
+    ipe_window_init(&window, &config);
+    for (int k = 0; k < 300; ++k) { (void)push(0.1 * k + between(&seed, -0.02, 0.02), linear); }  // when
+    TEST_ASSERT_EQUAL_UINT64(0, window.n_restarts);                                               // then
+    TEST_ASSERT_GREATER_THAN_UINT64(100, window.n_windows);
+    (void)push(30.1, linear);                                                                     // a lost row is one
+    TEST_ASSERT_EQUAL_UINT64(1, window.n_restarts);
+}
+
 static void test_push_time_backwards_is_refused_and_counted(void)
 {
     for (int k = 0; k < 100; ++k) { (void)push(1e-3 * k, constant); }  // given
@@ -252,6 +264,7 @@ int main(void)
     RUN_TEST(test_push_gap_restarts_windows);
     RUN_TEST(test_push_one_lost_row_does_no_harm);
     RUN_TEST(test_push_slow_rows_lost_restart_windows);
+    RUN_TEST(test_push_jitter_of_rows_slower_than_max_age_is_no_gap);
     RUN_TEST(test_push_time_backwards_is_refused_and_counted);
     RUN_TEST(test_push_clock_stepped_back_restarts_windows);
     RUN_TEST(test_push_many_hours_keep_windows_exact);

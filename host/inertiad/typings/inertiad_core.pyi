@@ -267,7 +267,7 @@ def align_signals(config: Config, t_ns: Annotated[NDArray[numpy.int64], dict(sha
 
 def track(config: Config, rows: Rows) -> dict:
     """
-    dict of t [K] s, value and std [K,10] of mass, CoG, inertia, nis [K], n_changes [K]: every estimate that the platform's filter makes of the rows. pipeline.h
+    dict of t [K] s, value and std [K,10] of mass, CoG, inertia, nis [K], n_changes [K], sigma_factor [K] and is_misfit [K] (estimate.h), restored_force [K,m] N of failed sensors, else NaN: every estimate that the platform's filter makes of the rows. pipeline.h
     """
 
 def undelayed(rows: Rows, position_delay: float, force_delay: float) -> Rows:

@@ -7,7 +7,7 @@
 ///   delays      a value stamped t was measured at t - delay: the row at t gets what is stamped t + delay
 ///   target, attitude delay          added to the configuration
 ///   biases, force offsets and gains added to the calibration
-/// IMU position, scales, cable inertia and friction are left out: the equations are linear in them (systematic.h), and their columns are
+/// IMU position, scales, cable inertia, external force and friction are left out: the equations are linear in them (systematic.h), and their columns are
 /// added to the residual instead, batch.hpp.
 /// The order of xi is that of systematic.h.
 #pragma once
@@ -67,6 +67,7 @@ inline std::vector<int> linear_parameters(int n_cables)
 {
     std::vector<int> found{IPE_XI_IMU_POSITION, IPE_XI_IMU_POSITION + 1, IPE_XI_IMU_POSITION + 2,
                            IPE_XI_ACC_SCALE,    IPE_XI_GYRO_SCALE,       IPE_XI_CABLE_INERTIA};
+    for (int i = IPE_XI_EXTERNAL_FORCE; i < IPE_XI_FORCE; ++i) { found.push_back(i); }
     for (int i = 0; i < n_cables; ++i) { found.push_back(IPE_XI_FORCE + 2 * n_cables + i); }
     return found;
 }

@@ -21,6 +21,7 @@ inline ipe_solution_t solution(const Config& config, const Theta& theta, const C
     Eigen::Map<Covariance>(&s.covariance[0][0]) = P;
     ipe_prior_at_imu(&config.c(), s.prior_theta, s.prior_covariance);
     s.std_geometry = config.c().std_geometry;
+    s.inflation = 1.0;
     s.std_common_gain = ipe_filter_states_common_gain_std(&config.c());
     return s;
 }

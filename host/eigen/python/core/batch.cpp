@@ -146,6 +146,13 @@ nb::dict track(const inertiad::Config& config, const Rows& rows)
     std::fill_n(align.delay_ns, IPE_SENSOR_COUNT, 0);  // rows are stamped with the measured instant
     align.has_rpy = false;
     std::vector<ipe_estimate_t> found;
+    std::vector<double> restored;
+    const auto add_restored = [&] {
+        for (int i = 0; i < config.n_cables(); ++i) {
+            const bool is_unknown = (found.back().unknown_force >> static_cast<unsigned>(i) & 1U) != 0;
+            restored.push_back(is_unknown ? pipeline.state->estimator.restored[i] : std::nan(""));
+        }
+    };
     for (const ipe_row_t& row : rows.row) {
         double imu[10];
         std::copy_n(row.acc, 3, imu), std::copy_n(row.gyro, 3, imu + 3), std::copy_n(row.q, 4, imu + 6);
@@ -155,16 +162,18 @@ nb::dict track(const inertiad::Config& config, const Rows& rows)
         (void)ipe_align_push(&align, IPE_IMU, row.t_ns, imu);
         ipe_row_t again;
         for (int status; (status = pipeline.view.step(again)) != IPE_NOT_READY;) {
-            if (status == IPE_OK) { found.push_back(pipeline.view.estimate()); }
+            if (status == IPE_OK) { found.push_back(pipeline.view.estimate()), add_restored(); }
         }
     }
     const std::size_t n = found.size();
-    Out<1> t({n}), nis({n}), changes({n});
-    Out<2> value({n, 10}), std({n, 10});
+    Out<1> t({n}), nis({n}), changes({n}), factor({n}), misfit({n});
+    Out<2> value({n, 10}), std({n, 10}), force({n, static_cast<std::size_t>(config.n_cables())});
+    std::copy(restored.begin(), restored.end(), force.data);
     for (std::size_t k = 0; k < n; ++k) {
         const ipe_body_t& b = found[k].body;
         t.data[k] = 1e-9 * static_cast<double>(found[k].t_ns);
         nis.data[k] = found[k].nis, changes.data[k] = static_cast<double>(found[k].n_changes);
+        factor.data[k] = found[k].sigma_factor, misfit.data[k] = found[k].is_misfit ? 1.0 : 0.0;
         value.data[10 * k] = b.mass, std.data[10 * k] = b.mass_std;
         std::copy_n(b.cog, 3, value.data + 10 * k + 1), std::copy_n(b.cog_std, 3, std.data + 10 * k + 1);
         std::copy_n(b.inertia_cog, 6, value.data + 10 * k + 4);
@@ -173,6 +182,7 @@ nb::dict track(const inertiad::Config& config, const Rows& rows)
     nb::dict d;
     d["t"] = t.release(), d["value"] = value.release(), d["std"] = std.release();
     d["nis"] = nis.release(), d["n_changes"] = changes.release();
+    d["sigma_factor"] = factor.release(), d["is_misfit"] = misfit.release(), d["restored_force"] = force.release();
     return d;
 }
 
@@ -329,10 +339,10 @@ void bind_batch(nb::module_& m)
         "align_signals", &align_signals, "config"_a, "t_ns"_a, "imu"_a, "f"_a, "position_t_ns"_a, "position"_a,
         "derives_force"_a = false, "derives_rate"_a = false,
         "Rows of imu [N,10] (acc, gyro, q w x y z), f [N,m] at t_ns [N] and position [K,3] at position_t_ns [K]. align.h");
-    m.def(
-        "track", &track, "config"_a, "rows"_a,
-        "dict of t [K] s, value and std [K,10] of mass, CoG, inertia, nis [K], n_changes [K]: every estimate that the "
-        "platform's filter makes of the rows. pipeline.h");
+    m.def("track", &track, "config"_a, "rows"_a,
+          "dict of t [K] s, value and std [K,10] of mass, CoG, inertia, nis [K], n_changes [K], sigma_factor [K] and "
+          "is_misfit [K] (estimate.h), restored_force [K,m] N of failed sensors, else NaN: every estimate that the "
+          "platform's filter makes of the rows. pipeline.h");
     m.def(
         "undelayed",
         [](const Rows& r, double position, double force) {

@@ -68,6 +68,8 @@ SEPARATES: Final = {
     "acc_scale": "calibrate the accelerometer in six positions",
     "gyro_scale": "turn the platform further about all axes",
     "friction": "move every cable in both directions; measure the pulleys' friction and state it in robot.toml",
+    "external_force": "move the hose's mount for one run, or fix the hose so that it pulls on nothing and run again",
+    "external_stiffness": "move the platform further along every axis",
     "cable_inertia": "move slower; state the cables' mass per length and their drums in robot.toml",
 }
 

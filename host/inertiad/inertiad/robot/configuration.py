@@ -35,6 +35,14 @@ GUESSED_MASS_MIN = 50.0
 """kg: attachments close together may carry anything"""
 
 
+EXTERNAL_SHARE = 0.05
+"""of the weight: sigma of a hose's or energy chain's force, each axis"""
+EXTERNAL_REACH = 0.25
+"""of the anchors' rms distance from their mean: over which that force may change by its sigma,"""
+EXTERNAL_REACH_MIN = 0.1
+"""m: and at least this far"""
+
+
 def _padded(values: list[float] | None, n: int) -> list[float]:
     return [*(values or []), *[0.0] * (n - len(values or []))]
 
@@ -139,6 +147,23 @@ def residual_std(robot: Robot) -> tuple[float, float]:
     return force, 0.6 * platform_size(robot) * force if moment is None else moment
 
 
+def _anchors(robot: Robot) -> np.ndarray:
+    """m, W [m, 3]."""
+    return np.array([cable.anchor for cable in robot.cable])
+
+
+def _external_std(robot: Robot) -> dict[str, float]:
+    """Sigmas of a hose's force and stiffness; 0 where none is declared."""
+    anchors = _anchors(robot)
+    reach = EXTERNAL_REACH * float(np.sqrt(np.mean(np.sum(np.square(anchors - anchors.mean(axis=0)), axis=1))))
+    force = EXTERNAL_SHARE * typical_mass(robot) * max(robot.gravity, 1.0)
+    force = force if robot.std.external_force is None else robot.std.external_force
+    return {
+        "external_force": force if robot.external.constant else 0.0,
+        "external_stiffness": force / max(reach, EXTERNAL_REACH_MIN) if robot.external.stiffness else 0.0,
+    }
+
+
 def std(robot: Robot) -> dict[str, float]:
     """[std], completed: what is left out follows from the robot's tensions and from where its force sensors sit."""
     if is_tension_declared(robot):
@@ -153,7 +178,7 @@ def std(robot: Robot) -> dict[str, float]:
         "force_offset_drift": offset / math.sqrt(DRIFT_TIME),
         "friction": 0.02 if is_at_winch else 5e-3,
     }
-    return follows | robot.std.model_dump(exclude_none=True)
+    return follows | _external_std(robot) | robot.std.model_dump(exclude_none=True)
 
 
 def delays(robot: Robot) -> dict[str, float]:
@@ -196,6 +221,12 @@ def _fill_calibration(config: robot_config_t, robot: Robot) -> None:
         setattr(config, f"std_{key}", value)
 
 
+def _fill_external(config: robot_config_t, robot: Robot) -> None:
+    reference = robot.external.reference
+    config.external_attachment = robot.external.attachment
+    config.external_reference = _anchors(robot).mean(axis=0).tolist() if reference is None else reference
+
+
 def _turn_imu(config: robot_config_t, alignment: list[float]) -> None:
     """Turn the IMU's mounting by a rotation vector, P axes, rad, and with it the attitude it gives."""
     turn = Rotation.from_rotvec(alignment)
@@ -226,6 +257,7 @@ def config_of(robot: Robot, bindings: list[Binding]) -> robot_config_t:
     config.bus_data_bitrate = _padded([bus.data_bitrate for bus in robot.bus], 8)
     _fill_sensors(config, robot)
     _fill_calibration(config, robot)
+    _fill_external(config, robot)
     _fill_estimator(config, robot)
     return config
 

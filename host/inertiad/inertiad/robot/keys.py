@@ -254,10 +254,35 @@ class Std(Strict):
     """Scale error of the accelerometer."""
     gyro_scale: Annotated[float, Range(0, SIGMA_MAX)] = 3e-3
     """Scale error of the gyroscope."""
+    external_force: Annotated[float, Range(0, SIGMA_MAX, "N")] | None = None
+    """Force of [external] along each axis. Without it: 0.05 of the weight."""
+    external_stiffness: Annotated[float, Range(0, SIGMA_MAX, "N/m")] | None = None
+    """Stiffness of [external] along each axis. Without it: external_force over a quarter of the anchors' rms distance
+    from their mean."""
     geometry: Annotated[float, Range(0, SIGMA_MAX, "m")] = 1e-3
     """Error of anchors and attachments."""
     attitude_wander: Annotated[float, Range(0, SIGMA_MAX, "rad")] = 1.75e-3
     """Slow error of the attitude about its constant one; sets the default of [estimator] force_std."""
+
+
+class External(Strict):
+    """A force beside those of the cables: a hose or an energy chain."""
+
+    constant: bool = False
+    """A force that is constant in W: 3 unknowns."""
+    stiffness: bool = False
+    """And a spring along each axis of W: 3 unknowns."""
+    attachment: Near3 = [0.0, 0.0, 0.0]
+    """Where it acts, in P."""
+    reference: Far3 | None = None
+    """Place of the attachment in W at which the force is the external_force that is published. Without it: the mean of
+    the anchors."""
+
+    @model_validator(mode="after")
+    def _has_rest_point(self) -> Self:
+        if self.stiffness and not self.constant:
+            raise ValueError("constant = true beside stiffness = true: where the spring is at rest is unknown")
+        return self
 
 
 class Estimator(Strict):
