@@ -20,8 +20,9 @@ from inertiad.base.text_files import read_json
 from inertiad.identify import block_statistics, diagnose, findings, fit, identification
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate, Validation
+from inertiad.model.window_residual import Residual
 from inertiad.report import cables
-from inertiad.report.cables import ForceCheck, Residual
+from inertiad.report.cables import ForceCheck
 from inertiad.robot.configuration import prior
 from inertiad.robot.description import Nominal, Robot
 from inertiad.run import reader

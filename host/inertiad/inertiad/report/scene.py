@@ -6,29 +6,20 @@ the principal axes. It shows the distribution of the mass, to scale with the pla
 """
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 import inertiad_core
 from inertiad.base.body import Body
 from inertiad.base.table import Array
+from inertiad.model import solid
 from inertiad.report.figure import Color, Dots3, Mesh3, Path3, Scene, View
 from inertiad.report.report_data import Facts
-from inertiad.robot.description import Robot, inertia_matrix
+from inertiad.robot.description import Robot
 from inertiad.run import reader
 
 N_AROUND, N_UP = 28, 14
-FLAT = 0.999
-"""cosine between facets from which they are one"""
 REACH = 1.5
 """of the close view, sizes of the platform"""
 GAP = np.full((1, 3), np.nan)
-
-
-def semi_axes(body: Body) -> tuple[Array, Array] | None:
-    """Semi-axes [3] m and principal axes [3, 3] (columns, P axes); None: no body has this inertia."""
-    J, axes = np.linalg.eigh(inertia_matrix(np.array(body.value[4:])))
-    square = 2.5 / body.value[0] * (J.sum() - 2.0 * J)
-    return (np.sqrt(square), axes) if body.value[0] > 0.0 and (square > 0.0).all() else None
 
 
 def _sphere() -> tuple[Array, Array]:
@@ -55,7 +46,7 @@ def _circles() -> Array:
 
 def _ellipsoid(body: Body, p: Array, R: Array, name: str, color: Color, is_solid: bool) -> list[Mesh3 | Path3]:
     """Its three principal circles and, if solid, its surface."""
-    found = semi_axes(body)
+    found = solid.semi_axes(body)
     if found is None:
         return []
     size, axes = found
@@ -72,23 +63,12 @@ def _platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
     corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
     labels = [str(i + 1) for i in range(len(corner))]
     marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0)]
-    try:
-        hull = ConvexHull(corner)
-    except (QhullError, ValueError):
-        return marks  # flat or fewer than four points: no solid to draw
-    marks.append(Mesh3(corner, hull.simplices, "platform", "muted", 0.25))
-    return [*marks, Path3(_edges(corner, hull), "", "muted", 2.0)]
-
-
-def _edges(corner: Array, hull: ConvexHull) -> Array:
-    """Edges between facets that are not one plane, NaN between them [N, 3]."""
-    pieces = []
-    for a, neighbours in enumerate(hull.neighbors):
-        for b in neighbours[neighbours > a]:
-            if hull.equations[a, :3] @ hull.equations[b, :3] < FLAT:
-                ends = np.intersect1d(hull.simplices[a], hull.simplices[b])
-                pieces += [corner[ends], GAP]
-    return np.concatenate(pieces)
+    shape = solid.hull(np.array([c.attachment for c in robot.cable]))
+    if shape is None:
+        return marks
+    marks.append(Mesh3(corner, np.array(shape.triangles), "platform", "muted", 0.25))
+    edges = np.concatenate([np.concatenate([corner[edge], GAP]) for edge in shape.edges])
+    return [*marks, Path3(edges, "", "muted", 2.0)]
 
 
 def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
@@ -153,7 +133,7 @@ def scene(facts: Facts) -> Scene | None:
     for number, motion in enumerate(facts.motions):
         which = f", run {number + 1}" if len(facts.motions) > 1 else ""
         marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, is_far=True))
-    found = semi_axes(body)
+    found = solid.semi_axes(body)
     axes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
     return Scene(
         "platform",
