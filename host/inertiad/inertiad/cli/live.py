@@ -25,6 +25,31 @@ def watch(
     watcher.watch(url, prefix, seconds)
 
 
+@commands.command(epilog="Example: inertiactl live --robot robot.toml")
+def live(
+    host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to serve on; 0.0.0.0: every network.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0: any free one.")] = 8765,
+    run: Annotated[
+        Path | None, typer.Option("--run", metavar="RUN", help="Play this run's run.lcmlog instead, at its own pace.")
+    ] = None,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, for its nominal body.")
+    ] = None,
+    url: Url = DEFAULT_URL,
+    prefix: Prefix = DEFAULT_PREFIX,
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
+) -> None:
+    """Show the robot and the daemon's estimate live on a web page, or a recorded run again.
+
+    The page has the robot in 3D with tensions, CoG and ellipsoid of inertia, the ten numbers, convergence, residuals,
+    sensors, buses, losses, findings and events. Its buttons send commands to the daemon; on an address that other machines
+    reach, and for a recording, they are off.
+    """
+    from inertiad.live import web_view
+
+    web_view.serve(web_view.Options(host, port, run, robot, url, prefix, seconds), say)
+
+
 @commands.command(epilog='Example: inertiactl command mark "load on"')
 def command(
     name: Annotated[str, typer.Argument(metavar="freeze|resume|reset|tare|configure|mark")],

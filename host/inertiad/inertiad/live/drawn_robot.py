@@ -29,14 +29,21 @@ def numbers(values: Iterable[float]) -> list[float]:
 
 
 def ellipsoid(body: Body) -> dict[str, list[float]] | None:
-    """Semi-axes [3] m of the ellipsoid of inertia, those of a body one sigma smaller and larger, principal axes [9]."""
-    found = solid.semi_axes(body)
-    if found is None:
-        return None
-    size, axes = found
+    """Semi-axes [3] m of the ellipsoid of inertia, one sigma of them [3], principal axes [9] by rows; None: no ellipsoid.
+
+    Sigma is that of the lengths at a common scale, from those of mass and moments.
+    """
     value, std = np.array(body.value), np.array(body.std)
-    share = np.sqrt((std[0] / value[0]) ** 2 + (std[4:7].max() / value[4:7].max()) ** 2) / 2.0
-    return {"size": numbers(size), "axes": numbers(axes.ravel()), "sigma": numbers(np.minimum(share, 1.0) * size)}
+    with np.errstate(all="ignore"):  # of numbers that no body has
+        found = solid.semi_axes(body)
+        if found is None:
+            return None
+        size, axes = found
+        share = 0.5 * np.hypot(std[0] / value[0], np.linalg.norm(std[4:7]) / np.linalg.norm(value[4:7]))
+        sigma = np.minimum(share, 1.0) * size
+    if not finite((*size, *sigma, *axes.ravel())):
+        return None
+    return {"size": numbers(size), "axes": numbers(axes.ravel()), "sigma": numbers(sigma)}
 
 
 @dataclass(frozen=True)

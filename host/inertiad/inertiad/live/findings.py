@@ -97,6 +97,9 @@ def _of_estimate(estimate: estimate_t) -> Iterator[Finding]:
         says = f"NIS {estimate.nis:.0f}: the last window fits badly; 6 is expected, {NIS_CARE} passed once in 100 windows"
         yield Finding("nis", "care", says, "look for a push, a slack cable or a force sensor", {"nis": estimate.nis})
     unseen = [name for name, seen in zip(NAMES, estimate.observable, strict=True) if not seen]
+    mass, cog = estimate.mass_std / estimate.mass if estimate.mass > 0.0 else 1.0, max(estimate.cog_std)
+    says = f"mass to {100.0 * mass:.2g} %, CoG to {1e3 * cog:.2g} mm, inertia to {max(estimate.inertia_cog_std):.2g} kg m²"
+    yield Finding("accuracy", "good", f"{says} (one σ)", "", {"mass_share": mass, "cog_std": cog})
     if unseen:
         says = f"not observable yet: {', '.join(unseen)}"
         yield Finding("observability", "care", says, "tilt and turn the platform about every axis")

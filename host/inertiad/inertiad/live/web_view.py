@@ -24,6 +24,9 @@ TICK: Final = 0.05
 """s between pictures"""
 PATIENCE: Final = 3.0
 """s to wait for a daemon's answer"""
+BATCH: Final = 0.01
+"""s by which messages of a recording may be early: they are handed on together"""
+PLAYING: Final = "recording"
 ENDED: Final = "the recording has ended"
 
 
@@ -67,7 +70,7 @@ class Player(threading.Thread):
             first = first or event.t_us
             newest = max(newest, event.t_us)
             wait = began + 1e-6 * (newest - first) - time.monotonic()
-            if wait > 0.0 and self._is_over.wait(wait):
+            if wait > BATCH and self._is_over.wait(wait):
                 return
             self._take(event.channel, event.data)
         self._at_end(remarks[0] if remarks else ENDED)
@@ -116,7 +119,10 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     picture = Picture(feed, description.load(robot) if robot is not None else None, str(robot))
 
     def take(channel: str, data: bytes) -> None:
-        picture.take(channel.removeprefix(options.prefix), data, time.monotonic())
+        if channel.startswith(options.prefix):
+            picture.take(channel.removeprefix(options.prefix), data, time.monotonic())
+
+    picture.note = PLAYING if log is not None else ""
 
     def end(how: str) -> None:
         picture.note = how
