@@ -29,8 +29,18 @@ from inertiad.model import solid
 from inertiad.robot import configuration, description
 from inertiad.run import lcmlog
 from inertiad.run.frame_time import frame_time
-from inertiad_lcm import bus_t, can_frame_t, counter_t, estimate_t, event_t, health_t, raw_t, signals_row_t, signals_t
-from inertiad_lcm import tracker_t
+from inertiad_lcm import (
+    bus_t,
+    can_frame_t,
+    counter_t,
+    estimate_t,
+    event_t,
+    health_t,
+    raw_t,
+    signals_row_t,
+    signals_t,
+    tracker_t,
+)
 
 EVIL = "<img src=x onerror=window.broken=1></script><script>window.broken=1</script>\x1b[2J\x9b31m\u202e"
 KINDS = {"SIGNALS": signals_t, "ESTIMATE": estimate_t, "HEALTH": health_t, "EVENT": event_t, "TRACKER": tracker_t}
@@ -146,7 +156,10 @@ def test_residual_names_the_sensor_that_reads_too_much(recorded: Path):
         seen.take(message.channel.removeprefix("INERTIAD_"), message.data)
         seen.run(max(0.0, 1e-6 * message.t_us - seen.now - 0.025))
     items = seen.items("residual")
-    t, f = np.array([item["t"] for item in items]) + 1.0, np.array([item["f"] for item in items])  # the run begins at 1 s
+    t, f = (
+        np.array([item["t"] for item in items]) + 1.0,
+        np.array([item["f"] for item in items]),
+    )  # the run begins at 1 s
     stuck, well = f[(t > 7.0) & (t < 9.0)].max(axis=0), f[t > 12.0].max(axis=0)
     assert int(np.argmax(stuck)) == 2 and stuck[2] > 10.0 * well.max()
 
@@ -330,7 +343,10 @@ def test_only_the_pages_own_request_commands():
             expected = 404 if status == 421 else status
             assert asked(server, "POST", "/command", data, **headers)[0] == expected, (status, data[:30], headers)
         assert done == []
-        assert asked(server, "POST", "/command", body, **own, Origin=origin)[2] == b'{"done": true, "answer": "freeze done"}'
+        assert (
+            asked(server, "POST", "/command", body, **own, Origin=origin)[2]
+            == b'{"done": true, "answer": "freeze done"}'
+        )
         assert asked(server, "POST", "/command", b'{"name": "mark", "text": "load on"}', **own)[0] == 200
         assert json.loads(asked(server, "POST", "/command", b'{"name": "mark", "text": "bad"}', **own)[2]) == {
             "done": False,
@@ -360,10 +376,10 @@ def test_other_names_and_files_are_refused_and_no_site_may_frame_the_page():
 
 
 def test_address_in_use_is_one_line():
-    with serving(None) as server:
-        with pytest.raises(InputError, match=rf"--port {server.server_port}: Address already in use; choose another"):
-            web_server.LiveServer("127.0.0.1", server.server_port, server.feed, None)
-    with pytest.raises(InputError, match="--host no.such.host.invalid"):
+    words = r"--port \d+: Address already in use; choose another"
+    with serving(None) as server, pytest.raises(InputError, match=words):
+        web_server.LiveServer("127.0.0.1", server.server_port, server.feed, None)
+    with pytest.raises(InputError, match=r"--host no\.such\.host\.invalid"):
         web_server.LiveServer("no.such.host.invalid", 0, Feed(picture.KEPT), None)
 
 
@@ -419,7 +435,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     inertiactl = str(TOP / "build/bin/inertiactl")
     made = ["simulate", COGIRO / "robot.toml", "--faults", "stuck", "--seed", "2", "-o", run]
     subprocess.run([inertiactl, *map(str, made)], check=True, capture_output=True)
-    subprocess.run([inertiactl, "compile", run / "robot.toml", "-o", run / "robot.cfg"], check=True, capture_output=True)
+    subprocess.run(
+        [inertiactl, "compile", run / "robot.toml", "-o", run / "robot.cfg"], check=True, capture_output=True
+    )
     bus = [f"file:{run}/can.log", "--tracker", f"file:{run}/tracker.csv", "--lcm", "none"]
     daemon = [TOP / "build/bin/inertiad", "--config", run / "robot.cfg", "--bus", *bus, "--record", run / "run.lcmlog"]
     subprocess.run(list(map(str, daemon)), check=True, capture_output=True)
@@ -427,7 +445,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def evil_recording(recorded: Path, folder: Path) -> Path:
-    """The first 20 s of the recording with events that try to become part of the page, and bytes that are no messages."""
+    """The first 20 s of the recording, with events that try to become markup, and bytes that are no messages."""
     folder.mkdir()
     log = lcmlog.Writer(folder / "run.lcmlog")
     for k, message in enumerate(lcmlog.read(recorded / "run.lcmlog")):
@@ -496,7 +514,11 @@ def assert_moves_and_counts(shown: Browser) -> None:
     shown.wait("document.getElementById('gauges').textContent.includes(' N')")
     coloured = """[...document.querySelectorAll("canvas.chart")].map((c) => {
         const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
-        let n = 0; for (let i = 0; i < d.length; i += 4) n += d[i + 3] > 0 && Math.max(d[i], d[i+1], d[i+2]) - Math.min(d[i], d[i+1], d[i+2]) > 60;
+        let n = 0;
+        for (let i = 0; i < d.length; i += 4) {
+            const c = d.slice(i, i + 3);
+            n += d[i + 3] > 0 && Math.max(...c) - Math.min(...c) > 60;
+        }
         return n; })"""
     shown.wait(f"{coloured}.every((n) => n > 20)")
 
@@ -515,19 +537,21 @@ def test_page_of_a_server_that_comes_back_goes_on(recorded: Path):
 
 
 SESSION = f"""
-import subprocess, sys, time, json
+import subprocess, sys, time
 sys.path.insert(0, {str(TOP / "test/host")!r})
 from browser import browser
 run, python = sys.argv[1], sys.executable
-daemon = [{str(TOP / "build/bin/inertiad")!r}, "--config", f"{{run}}/robot.cfg", "--bus", f"file:{{run}}/can.log?speed=1"]
-daemon = subprocess.Popen([*daemon, "--tracker", f"file:{{run}}/tracker.csv"], stderr=subprocess.DEVNULL)
+command = [{str(TOP / "build/bin/inertiad")!r}, "--config", f"{{run}}/robot.cfg"]
+command += ["--tracker", f"file:{{run}}/tracker.csv"]
 page = subprocess.Popen([python, "-m", "inertiad", "live", "--port", "0"], stderr=subprocess.PIPE, text=True)
 url = page.stderr.readline().split()[0]
 answer = "document.getElementById('answer').textContent"
-try:
-    with browser() as shown:
-        shown.call("Page.navigate", url=url)
-        shown.wait("Number(document.documentElement?.dataset.frames) > 20")
+with browser() as shown:
+    shown.call("Page.navigate", url=url)
+    shown.wait("document.getElementById('link')?.textContent === 'waiting'")  # the daemon has 45 s of data from here on
+    daemon = subprocess.Popen([*command, "--bus", f"file:{{run}}/can.log?speed=1"], stderr=subprocess.DEVNULL)
+    try:
+        shown.wait("Number(document.documentElement?.dataset.frames) > 10")
         shown.ask("document.querySelector('[data-command=freeze]').click()")
         shown.wait(answer + ".startsWith('freeze done')")
         shown.wait("document.getElementById('findings').textContent.includes('frozen')")
@@ -538,9 +562,8 @@ try:
         shown.wait(answer + ".startsWith('reset done')")
         print(shown.ask("document.getElementById('name').textContent"), shown.complaints)
         print(shown.ask("document.querySelector('#buses tr').textContent.includes('active')"))
-finally:
-    page.terminate(); daemon.terminate(); page.wait(); daemon.wait()
-print(page.returncode)
+    finally:
+        page.terminate(); daemon.terminate(); page.wait(); daemon.wait()
 """
 
 
@@ -549,7 +572,7 @@ def test_daemon_on_the_network_is_shown_without_its_description_and_obeys_the_bu
     command = [*ISOLATED, sys.executable, "-c", SESSION, str(recorded)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=TOP)
     lines = done.stdout.splitlines()
-    assert lines[:3] == [lines[0], "CoGiRo []", "True"], done.stderr
+    assert lines[1:] == ["CoGiRo []", "True"], done.stderr
     assert lines[0].startswith("freeze done")  # one click on Reset only asks
 
 

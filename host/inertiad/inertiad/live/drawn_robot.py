@@ -29,7 +29,7 @@ def numbers(values: Iterable[float]) -> list[float]:
 
 
 def ellipsoid(body: Body) -> dict[str, list[float]] | None:
-    """Semi-axes [3] m of the ellipsoid of inertia, one sigma of them [3], principal axes [9] by rows; None: no ellipsoid.
+    """Semi-axes [3] m of the ellipsoid of inertia, their sigma [3], principal axes [9] by rows; None: no ellipsoid.
 
     Sigma is that of the lengths at a common scale, from those of mass and moments.
     """
@@ -100,7 +100,7 @@ class DrawnRobot:
         }
 
     def pose(self, row: signals_row_t) -> dict[str, Any]:
-        """Position of P, rotation P to W by rows, and where each cable leaves its pulley; {}: the row has no attitude."""
+        """Position of P, rotation P to W by rows, where each cable leaves its pulley; {}: the row has no attitude."""
         if not any(row.q):
             return {}
         turn = Rotation.from_quat(row.q, scalar_first=True)
@@ -127,7 +127,8 @@ class DrawnRobot:
         xi = np.array([known.get(name, 0.0) for name in names])
         theta = inertiad_core.shift(np.array(estimate.theta), -np.array(self.config.imu_position))
         try:
-            table = inertiad_core.Rows(t_ns, *map(np.array, columns))
+            acc, gyro, q, position, f = map(np.array, columns)
+            table = inertiad_core.Rows(t_ns, acc, gyro, q, position, f)
             found = window_residual.residual(self.core, table, theta, xi, n)
         except (ValueError, np.linalg.LinAlgError):
             return None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from inertiad.base.body import NAMES
-from inertiad.base.counters import is_bad
+from inertiad.base.counters import is_loss
 from inertiad.base.finding import Finding, Severity, ordered
 from inertiad.live.incoming import plain
 from inertiad_lcm import bus_t, estimate_t, health_t
@@ -46,7 +46,7 @@ def grown(state: State) -> dict[str, int]:
     now, then = counters(state.health), counters(state.earlier)
     if state.earlier is None:
         return {}
-    return {name: n - then.get(name, 0) for name, n in now.items() if is_bad(name) and n > then.get(name, 0)}
+    return {name: n - then.get(name, 0) for name, n in now.items() if is_loss(name) and n > then.get(name, 0)}
 
 
 def _of_silence(state: State) -> Iterator[Finding]:
@@ -94,11 +94,15 @@ def _of_estimate(estimate: estimate_t) -> Iterator[Finding]:
         says = "the data's parameters are no body that can exist; the nearest one is shown"
         yield Finding("consistency", "care", says, "move more, check force sensors and geometry")
     if estimate.nis > NIS_CARE:
-        says = f"NIS {estimate.nis:.0f}: the last window fits badly; 6 is expected, {NIS_CARE} passed once in 100 windows"
+        says = (
+            f"NIS {estimate.nis:.0f}: the last window fits badly; 6 is expected, {NIS_CARE} passed once in 100 windows"
+        )
         yield Finding("nis", "care", says, "look for a push, a slack cable or a force sensor", {"nis": estimate.nis})
     unseen = [name for name, seen in zip(NAMES, estimate.observable, strict=True) if not seen]
     mass, cog = estimate.mass_std / estimate.mass if estimate.mass > 0.0 else 1.0, max(estimate.cog_std)
-    says = f"mass to {100.0 * mass:.2g} %, CoG to {1e3 * cog:.2g} mm, inertia to {max(estimate.inertia_cog_std):.2g} kg m²"
+    says = (
+        f"mass to {100.0 * mass:.2g} %, CoG to {1e3 * cog:.2g} mm, inertia to {max(estimate.inertia_cog_std):.2g} kg m²"
+    )
     yield Finding("accuracy", "good", f"{says} (one σ)", "", {"mass_share": mass, "cog_std": cog})
     if unseen:
         says = f"not observable yet: {', '.join(unseen)}"

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
+from inertiad.base.counters import is_loss
 from inertiad.live import findings
 from inertiad.live.findings import CONDITIONS
 from inertiad.live.incoming import Decoder, finite, plain
@@ -41,7 +42,7 @@ class BusLoad:
     def take(
         self, now: health_t, before: health_t | None, rates: Sequence[tuple[float, float]], decoder: Decoder
     ) -> list[float | None]:
-        """Share of the time that each bus is busy, without stuff bits; None: unknown. rates: bit/s, nominal and data."""
+        """Share of time that each bus is busy, without stuff bits; None: unknown. rates: bit/s, nominal and data."""
         self._measure(rates, decoder)
         return [
             None if rate is None or i not in self._mean else round(rate * self._mean[i], 4)
@@ -55,12 +56,14 @@ def frame_rates(now: health_t, before: health_t | None) -> list[float | None]:
     seconds = 0.0 if before is None else 1e-9 * (now.t_ns - before.t_ns)
     if seconds <= 0.0:
         return [None] * len(now.bus)
-    return [round((new.get(f"bus{i}.frames", 0) - old.get(f"bus{i}.frames", 0)) / seconds, 1) for i in range(len(now.bus))]
+    return [
+        round((new.get(f"bus{i}.frames", 0) - old.get(f"bus{i}.frames", 0)) / seconds, 1) for i in range(len(now.bus))
+    ]
 
 
 def losses(health: health_t) -> dict[str, int]:
-    """Counters that are 0 on a good run and are not, the greatest first."""
-    found = {name: n for name, n in findings.counters(health).items() if n > 0 and findings.is_bad(name)}
+    """Counters of what was lost or refused, the greatest first."""
+    found = {name: n for name, n in findings.counters(health).items() if n > 0 and is_loss(name)}
     return dict(sorted(found.items(), key=lambda item: -item[1])[:SHOWN_MOST])
 
 

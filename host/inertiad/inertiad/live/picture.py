@@ -261,4 +261,3 @@ class Picture:
             note=self.note,
             undecodable=self._decoder.n_undecodable,
         )
-

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """inertiactl live: a daemon's messages, or a recording at its own pace, on a web page.
 
-    LCM network | run.lcmlog -> Picture.take()   in a thread of the source
-                                Picture.tick()   at 20 Hz -> Feed -> LiveServer, a thread per browser
+LCM network | run.lcmlog -> Picture.take()   in a thread of the source
+                            Picture.tick()   at 20 Hz -> Feed -> LiveServer, a thread per browser
 """
 
 import re

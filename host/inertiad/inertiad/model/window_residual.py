@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a body and its sensors' systematic errors leave unexplained of a run's windows, as wrench and as tensions.
 
-    e = y - Y theta       of every window of the weak form, sensors corrected by xi
-    W^+ e                 the smallest change of the cables' tensions that explains e
+e = y - Y theta       of every window of the weak form, sensors corrected by xi
+W^+ e                 the smallest change of the cables' tensions that explains e
 """
 
 from dataclasses import dataclass
