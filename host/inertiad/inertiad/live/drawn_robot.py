@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import inertiad_core
 from inertiad.base.body import Body
@@ -17,6 +16,7 @@ from inertiad.live.incoming import finite, plain
 from inertiad.model import solid, window_residual
 from inertiad.robot import configuration, systematic
 from inertiad.robot.description import Robot
+from inertiad.run.platform_pose import platform_pose
 from inertiad_lcm import estimate_t, robot_config_t, signals_row_t
 
 RESIDUAL_WINDOWS: Final = 2.0
@@ -103,9 +103,9 @@ class DrawnRobot:
         """Position of P, rotation P to W by rows, where each cable leaves its pulley; {}: the row has no attitude."""
         if not any(row.q):
             return {}
-        turn = Rotation.from_quat(row.q, scalar_first=True)
-        R = (turn * Rotation.from_quat(self.config.imu_orientation, scalar_first=True).inv()).as_matrix()
-        p = np.array(row.position) - R @ np.array(self.config.tracker_target)
+        at = np.array([row.q]), np.array([row.position])
+        [p], turn = platform_pose(*at, self.config.imu_orientation, self.config.tracker_target)
+        [R] = turn.as_matrix()
         leave = [list(c.anchor) for c in self.cables]
         try:
             u, free, _ = inertiad_core.cable_geometry(self.core, p[None], R[None])

@@ -18,6 +18,7 @@ from inertiad.live.feed import Feed
 from inertiad.live.findings import State
 from inertiad.live.incoming import Decoder, clock, finite, plain
 from inertiad.live.load import BusLoad, health_item
+from inertiad.model.tension_color import RAMP
 from inertiad.robot.description import Robot
 from inertiad_lcm import estimate_t, event_t, health_t, robot_config_t, signals_t, tracker_t
 
@@ -91,7 +92,7 @@ class Picture:
         self._gap, self._tracker_ns = 0.0, 0
         self._load = BusLoad()
         self._feed.clear(*KEPT)
-        self._feed.put("start", names=NAMES, units=UNITS, span=SPAN)
+        self._feed.put("start", names=NAMES, units=UNITS, span=SPAN, ramp=RAMP)
         if self._robot is not None:
             self._feed.put("robot", **self._robot.item())
 

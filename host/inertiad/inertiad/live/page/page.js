@@ -48,6 +48,8 @@
   const take = {
     start(item) {
       Object.assign(shown, { span: item.span, names: item.names, units: item.units, estimate: null, pose: null, marks: [] });
+      RAMP = item.ramp;
+      drawRamp();
       for (const track of Object.values(tracks)) track.clear();
       Object.assign(view, { pose: null, body: null, trail: [] });
       end = 0;
@@ -224,10 +226,11 @@
   }
 
   function drawCharts() { drawParameters(); drawCables(); drawSensors(); drawLink(); }
-  function drawAll() {
+  function drawRamp() {
     $("ramp").style.background = `linear-gradient(90deg, ${[0, 0.2, 0.4, 0.55, 0.7, 0.85, 1].map((s) => rampColor(s)).join(",")})`;
-    view.draw(); drawCharts();
   }
+
+  function drawAll() { view.draw(); drawCharts(); }
 
   // ---- stream --------------------------------------------------------------------------------------------------------
 

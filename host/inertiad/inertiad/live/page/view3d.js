@@ -19,7 +19,8 @@ function tensionShare(f, [low, high]) {
   return low > 0 && high / low > 3 ? Math.log(f / low) / Math.log(high / low) : (f - low) / (high - low || 1);
 }
 
-const RAMP = [[0, [37, 99, 200]], [0.4, [20, 160, 170]], [0.7, [215, 160, 20]], [1, [214, 78, 18]]];
+// Colours from tension_min, 0, to tension_max, 1: [share, [red, green, blue]]; the server's.
+let RAMP = [[0, [128, 128, 128]], [1, [128, 128, 128]]];
 function rampColor(share) {
   const at = Math.max(1, RAMP.findIndex(([s]) => s >= share));
   const [[s0, a], [s1, b]] = [RAMP[at - 1], RAMP[at]];
