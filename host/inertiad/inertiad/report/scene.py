@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The platform in space: its cables, the centre of gravity, the ellipsoid of inertia; world axes, m.
 
-The ellipsoid is the uniform one with the identified mass and inertia: semi-axes a_i^2 = 5/(2 m) (J_j + J_k - J_i) along
-the principal axes. It shows the distribution of the mass, to scale with the platform.
+Shapes are those of model/solid.py. Both views are true to scale.
 """
 
 import numpy as np
@@ -17,6 +16,8 @@ from inertiad.robot.description import Robot
 from inertiad.run import reader
 
 N_AROUND, N_UP = 28, 14
+LABEL_ROOM = 0.12
+"""of a set of points, its extent: closer ones share a label"""
 REACH = 1.5
 """of the close view, sizes of the platform"""
 GAP = np.full((1, 3), np.nan)
@@ -61,14 +62,23 @@ def _ellipsoid(body: Body, p: Array, R: Array, name: str, color: Color, is_solid
 
 def _platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
     corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
-    labels = [str(i + 1) for i in range(len(corner))]
-    marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0)]
+    labels = merged_labels(corner, LABEL_ROOM * float(np.ptp(corner, axis=0).max()))
+    marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0, "near", in_legend=False)]
     shape = solid.hull(np.array([c.attachment for c in robot.cable]))
     if shape is None:
         return marks
     marks.append(Mesh3(corner, np.array(shape.triangles), "platform", "muted", 0.25))
     edges = np.concatenate([np.concatenate([corner[edge], GAP]) for edge in shape.edges])
     return [*marks, Path3(edges, "", "muted", 2.0)]
+
+
+def merged_labels(points: Array, room: float) -> list[str]:
+    """Numbers 1.. of points [N, 3]; points within `room` of an earlier one share its label."""
+    numbers: list[list[int]] = [[] for _ in points]
+    for i, point in enumerate(points):
+        first = next(k for k in range(i + 1) if k == i or (numbers[k] and np.linalg.norm(points[k] - point) < room))
+        numbers[first].append(i + 1)
+    return [", ".join(map(str, mine)) for mine in numbers]
 
 
 def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
@@ -84,14 +94,22 @@ def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
         if is_worst and check is not None:
             color = "care" if check.broken is None else "bad"
         rms = f", residual {check.rms[i]:.2g} N" if check is not None else ""
-        marks.append(Path3(np.array([corner[i], leave[i]]), f"cable {i + 1}{rms}", color, 6.0 if is_worst else 3.0))
-    marks.append(Dots3(leave, [f"winch {i + 1}" for i in range(robot.n_cables)], "winches", "ink", 3.0))
+        ends = np.array([corner[i], leave[i]])
+        marks.append(Path3(ends, f"cable {i + 1}{rms}", color, 6.0 if is_worst else 3.0, in_legend=is_worst))
+    labels = merged_labels(leave, LABEL_ROOM * float(np.ptp(leave, axis=0).max()))
+    marks.append(Dots3(leave, labels, "pulleys", "ink", 3.0, "far", in_legend=False))
     return marks
 
 
 def _axes(p: Array, R: Array, length: float) -> Path3:
     ends = p + length * R.T
-    return Path3(np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in ends]), "axes of P", "ink", 4.0)
+    return Path3(
+        np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in ends]),
+        "axes of P",
+        "ink",
+        4.0,
+        in_legend=False,
+    )
 
 
 def _pose(facts: Facts) -> tuple[Array, Array]:
@@ -128,11 +146,12 @@ def scene(facts: Facts) -> Scene | None:
     other = facts.truth or facts.nominal
     if other is not None:
         name = "truth" if facts.truth is not None else "nominal"
-        marks += _ellipsoid(other, p, R, f"{name}: ellipsoid", "truth", is_solid=False)
-        marks.append(Dots3((p + R @ np.array(other.value[1:4]))[None], [""], f"{name}: CoG", "truth", 5.0))
+        marks += _ellipsoid(other, p, R, f"{name}", "truth", is_solid=False)
+        place = (p + R @ np.array(other.value[1:4]))[None]
+        marks.append(Dots3(place, [""], f"{name}: CoG", "truth", 5.0, in_legend=False))
     for number, motion in enumerate(facts.motions):
         which = f", run {number + 1}" if len(facts.motions) > 1 else ""
-        marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, is_far=True))
+        marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, "far"))
     found = solid.semi_axes(body)
     axes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
     return Scene(
