@@ -149,6 +149,29 @@ def test_another_run_begins_a_new_picture():
     assert rows[0]["t"] >= 0.0 and rows[-1]["t"] < 1.5 and len(rows) <= 11
 
 
+def test_frozen_estimate_stays_in_the_picture_and_goes_on_in_time():
+    seen = Seen()
+
+    def frozen(t: float) -> None:
+        seen.take("SIGNALS", signals(t))
+        seen.take("ESTIMATE", estimate(0.5).encode())  # t_ns is the last window's: it stands still
+
+    seen.run(10.0, frozen)
+    rows, estimates = seen.items("row"), seen.items("estimate")
+    assert rows[-1]["t"] - rows[0]["t"] > 9.0 and estimates[-1]["t"] - estimates[0]["t"] > 9.0
+
+
+def test_gap_of_a_lost_tracker_grows_and_without_tracker_there_is_none():
+    seen = Seen()
+    seen.run(1.0, lambda t: seen.take("SIGNALS", signals(t)))
+    assert seen.items("row")[-1]["gap"] is None
+    position = tracker_t()
+    position.valid, position.t_ns = True, int(1e9 * seen.now)
+    seen.take("TRACKER", position.encode())
+    seen.run(2.0, lambda t: seen.take("SIGNALS", signals(t)))
+    assert seen.items("row")[-1]["gap"] == pytest.approx(2.0, abs=0.2)
+
+
 def test_residual_names_the_sensor_that_reads_too_much(recorded: Path):
     """From a recorded run whose sensor 3 is stuck from 7 to 9 s: its residual stands out then, and only then."""
     seen = Seen()

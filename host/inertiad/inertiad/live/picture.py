@@ -215,7 +215,9 @@ class Picture:
         row = self._rows[-1]
         t = self._seconds(row.t_ns)
         extremes = {"low": numbers(self._low), "high": numbers(self._high)}
-        self._feed.put("row", t=t, **extremes, acc=numbers(row.acc), gyro=numbers(row.gyro), gap=round(self._gap, 4))
+        since = 1e-9 * (row.t_ns - self._tracker_ns)  # a tracker that is lost has a gap that grows
+        gap = round(max(self._gap, since), 4) if self._tracker_ns > 0 else None
+        self._feed.put("row", t=t, **extremes, acc=numbers(row.acc), gyro=numbers(row.gyro), gap=gap)
         self._low, self._high, self._gap = [], [], 0.0
 
     def _put_estimate(self) -> None:
@@ -227,12 +229,10 @@ class Picture:
         if not finite((*body.value, *body.std, *message.theta, *message.systematic, message.nis)):
             self._decoder.n_undecodable += 1
             return
-        if self._is_another_run(message.t_ns):
-            self._start()
         self._estimate = message
         self._feed.put(
             "estimate",
-            t=self._seconds(message.t_ns),
+            t=self._seconds(self._newest_ns or message.t_ns),
             value=numbers(body.value),
             std=numbers(body.std),
             nis=round(message.nis, 2),

@@ -221,7 +221,7 @@
     const three = (key, k) => AXES.map(([, color], i) => ({ points: band(rows, (x) => k * x[key][i], (x) => k * x[key][i]), color, width: 1.3, gap: 1.5 }));
     drawChart($("acc"), { ...shared(), lines: three("acc", 1), least: 1 }, style);
     drawChart($("gyro"), { ...shared(), lines: three("gyro", DEGREES), least: 1 }, style);
-    const gaps = [{ points: band(rows, (x) => 1e3 * x.gap, (x) => 1e3 * x.gap), color: style("--estimate"), width: 1.3, gap: 1.5 }];
+    const gaps = [{ points: band(rows.filter((x) => x.gap !== null), (x) => 1e3 * x.gap, (x) => 1e3 * x.gap), color: style("--estimate"), width: 1.3, gap: 1.5 }];
     drawChart($("gap"), { ...shared(), lines: gaps, include: [0], least: 1 }, style);
   }
 
