@@ -172,6 +172,7 @@ def test_gap_of_a_lost_tracker_grows_and_without_tracker_there_is_none():
     assert seen.items("row")[-1]["gap"] == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_residual_names_the_sensor_that_reads_too_much(recorded: Path):
     """From a recorded run whose sensor 3 is stuck from 7 to 9 s: its residual stands out then, and only then."""
     seen = Seen()
