@@ -2,8 +2,8 @@
 /// The daemon: options -> open -> loop -> close.
 ///
 /// One thread with one epoll set, and one thread each that writes the record and the checkpoint; no heap after start.
-/// Exit status: 0 end of input, SIGTERM or SIGINT; 1 estimate, checkpoint or the record of a replay not written;
-/// 2 could not start.
+/// Exit status: 0 end of input, SIGTERM or SIGINT; 1 estimate, checkpoint or the record of a replay not written, or no
+/// frame of a log belongs to a signal; 2 could not start.
 #include "close.h"
 #include "loop.h"
 #include "open.h"

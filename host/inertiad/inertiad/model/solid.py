@@ -12,7 +12,7 @@ import numpy as np
 
 from inertiad.base.body import Body
 from inertiad.base.table import Array
-from inertiad.robot.description import inertia_matrix
+from inertiad.robot.keys import inertia_matrix
 
 FLAT: Final = 0.999
 """cosine between facets from which they are one"""

@@ -24,7 +24,8 @@ from inertiad.model.window_residual import Residual
 from inertiad.report import cables
 from inertiad.report.cables import ForceCheck
 from inertiad.robot.configuration import prior
-from inertiad.robot.description import Nominal, Robot
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Nominal
 from inertiad.run import reader
 from inertiad.run.platform_pose import platform_pose
 from inertiad.run.reader import Recording

@@ -60,7 +60,8 @@ def _ellipsoid(body: Body, p: Array, R: Array, name: str, color: Color, is_solid
     return [*marks, Mesh3(placed(points), triangles, "", color, 0.22)] if is_solid else marks
 
 
-def _platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
+def platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
+    """Attachments with their numbers, and their hull where it is a solid."""
     corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
     labels = merged_labels(corner, LABEL_ROOM * float(np.ptp(corner, axis=0).max()))
     marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0, "near", in_legend=False)]
@@ -68,8 +69,12 @@ def _platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
     if shape is None:
         return marks
     marks.append(Mesh3(corner, np.array(shape.triangles), "platform", "muted", 0.25))
-    edges = np.concatenate([np.concatenate([corner[edge], GAP]) for edge in shape.edges])
-    return [*marks, Path3(edges, "", "muted", 2.0)]
+    return [*marks, Path3(edges(corner, shape), "", "muted", 2.0)]
+
+
+def edges(points: Array, shape: solid.Hull) -> Array:
+    """Edges of the hull of points, NaN between them [N, 3]."""
+    return np.concatenate([np.concatenate([points[edge], GAP]) for edge in shape.edges])
 
 
 def merged_labels(points: Array, room: float) -> list[str]:
@@ -101,15 +106,10 @@ def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
     return marks
 
 
-def _axes(p: Array, R: Array, length: float) -> Path3:
-    ends = p + length * R.T
-    return Path3(
-        np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in ends]),
-        "axes of P",
-        "ink",
-        4.0,
-        in_legend=False,
-    )
+def triad(p: Array, R: Array, length: float, name: str, color: Color = "ink", in_legend: bool = True) -> Path3:
+    """The three axes of a frame at p [3] whose columns are R [3, 3], m."""
+    lines = np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in p + length * R.T])
+    return Path3(lines, name, color, 4.0, in_legend=in_legend)
 
 
 def _pose(facts: Facts) -> tuple[Array, Array]:
@@ -124,7 +124,8 @@ def _three(v: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _views(robot: Robot, p: Array, size: float) -> list[View]:
+def views(robot: Robot, p: Array, size: float) -> list[View]:
+    """The platform of a size [m] at p [3], and the whole robot."""
     anchors = np.array([c.anchor for c in robot.cable])
     low, high = np.minimum(anchors.min(axis=0), p - size), np.maximum(anchors.max(axis=0), p + size)
     near = View("platform", _three(p - REACH * size), _three(p + REACH * size))
@@ -140,7 +141,11 @@ def scene(facts: Facts) -> Scene | None:
     size = float(np.linalg.norm([c.attachment for c in robot.cable], axis=1).max())
     cog = p + R @ np.array(body.value[1:4])
     sigma = " / ".join(f"{1e3 * s:.2g}" for s in body.std[1:4])
-    marks: list[Path3 | Mesh3 | Dots3] = [*_platform(robot, p, R), *_cables(facts, p, R), _axes(p, R, 0.5 * size)]
+    marks: list[Path3 | Mesh3 | Dots3] = [
+        *platform(robot, p, R),
+        *_cables(facts, p, R),
+        triad(p, R, 0.5 * size, "axes of P", in_legend=False),
+    ]
     marks += _ellipsoid(body, p, R, "ellipsoid of inertia", "estimate", is_solid=True)
     marks.append(Dots3(cog[None], ["C"], f"CoG, ± {sigma} mm", "estimate", 7.0))
     other = facts.truth or facts.nominal
@@ -153,12 +158,12 @@ def scene(facts: Facts) -> Scene | None:
         which = f", run {number + 1}" if len(facts.motions) > 1 else ""
         marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, "far"))
     found = solid.semi_axes(body)
-    axes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
+    sizes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
     return Scene(
         "platform",
         "Platform, centre of gravity, inertia",
-        f"The uniform ellipsoid with the identified mass and inertia, on the platform.{axes} "
+        f"The uniform ellipsoid with the identified mass and inertia, on the platform.{sizes} "
         f"CoG ± {sigma} mm (one sigma). Drag to turn, scroll to zoom.",
         marks,
-        _views(robot, p, size),
+        views(robot, p, size),
     )
