@@ -150,6 +150,7 @@ void health_send(daemon_t* d, int64_t now_ns)
     }
     health_count(d);
     ipe_publish_health(&d->publisher, now_ns, &h);
+    ipe_publish_config(&d->publisher, d->config_bytes, d->n_config_bytes);
     d->was_health_sent = true;
 }
 

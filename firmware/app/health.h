@@ -33,7 +33,7 @@ void health_carried(daemon_t* d, const ipe_pipeline_t* p);
 /// Print the counters as last updated, the latencies, and advice on max_wait if a sensor was late.
 void health_print(const daemon_t* d);
 
-/// Update d->counters and send HEALTH, stamped now_ns.
+/// Update d->counters, send HEALTH, stamped now_ns, and CONFIG.
 void health_send(daemon_t* d, int64_t now_ns);
 
 /// Write one line about a sensor that is later than rows wait, with the key of robot.toml to change, into text[size].

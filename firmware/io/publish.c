@@ -77,13 +77,10 @@ void ipe_publish_received(ipe_publish_t* p, ipe_publish_channel_t channel, int64
     if (p->record != NULL) { ipe_record_push(p->record, p->channel[channel], t_ns, data, n); }
 }
 
-/// Send and record the n bytes of p->bytes at data time t_ns; n < 0: they could not be encoded. True when sent.
-static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, int n)
+/// Send n encoded bytes; n < 0: they could not be encoded. True when sent.
+static bool send_bytes(ipe_publish_t* p, ipe_publish_channel_t channel, const uint8_t* data, int n)
 {
-    p->sequence[channel]++;
-    if (n >= 0 && p->record != NULL) { ipe_record_push(p->record, p->channel[channel], t_ns, p->bytes, (size_t)n); }
-    if (p->lcm == NULL) { return n >= 0; }
-    if (n >= 0 && lcm_publish(p->lcm, p->channel[channel], p->bytes, (unsigned)n) == 0) {
+    if (n >= 0 && lcm_publish(p->lcm, p->channel[channel], data, (unsigned)n) == 0) {
         p->n_messages++;
         return true;
     }
@@ -92,6 +89,14 @@ static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, 
         ipe_message("%s: a message of %d bytes was not sent", p->channel[channel], n);
     }
     return false;
+}
+
+/// Send and record the n bytes of p->bytes at data time t_ns; n < 0: they could not be encoded. True when sent.
+static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, int n)
+{
+    p->sequence[channel]++;
+    if (n >= 0 && p->record != NULL) { ipe_record_push(p->record, p->channel[channel], t_ns, p->bytes, (size_t)n); }
+    return p->lcm == NULL ? n >= 0 : send_bytes(p, channel, p->bytes, n);
 }
 
 static void send_order(ipe_publish_t* p)
@@ -339,6 +344,11 @@ void ipe_publish_host(ipe_publish_t* p, int64_t t_ns, const ipe_host_facts_t* fa
     const inertiad_lcm_host_t message = {
         .sequence = p->sequence[IPE_PUBLISH_HOST], .t_ns = t_ns, .n_facts = (int32_t)facts->n, .fact = fact};
     (void)send(p, IPE_PUBLISH_HOST, t_ns, inertiad_lcm_host_t_encode(p->bytes, 0, sizeof p->bytes, &message));
+}
+
+void ipe_publish_config(ipe_publish_t* p, const uint8_t* data, size_t n)
+{
+    if (p->lcm != NULL) { (void)send_bytes(p, IPE_PUBLISH_CONFIG, data, (int)n); }
 }
 
 static void send_event(ipe_publish_t* p, int64_t t_ns, inertiad_lcm_event_t message, const char* source,

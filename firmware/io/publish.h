@@ -150,6 +150,10 @@ void ipe_publish_health(ipe_publish_t* p, int64_t t_ns, const ipe_health_t* heal
 /// Send HOST: facts of the machine, read at the start.
 void ipe_publish_host(ipe_publish_t* p, int64_t t_ns, const ipe_host_facts_t* facts);
 
+/// Send CONFIG, n encoded bytes of the configuration in use, so that a listener that comes late can draw the robot. It is
+/// not recorded: the record has it at its start and at each change.
+void ipe_publish_config(ipe_publish_t* p, const uint8_t* data, size_t n);
+
 /// Send EVENT of kind NEWS: stage or bus, and one line of text.
 void ipe_publish_event(ipe_publish_t* p, int64_t t_ns, const char* source, const char* text);
 

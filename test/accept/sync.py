@@ -37,7 +37,7 @@ def waits(robot: Robot) -> float:
     first = min(map(bus_timing.priority, force))
     ahead = [(i, m) for i, m in messages.items() if bus_timing.priority(i) < first]
     frames = [encode.Frames(0, i, m.is_fd or m.length > 8, np.zeros((1, m.length), np.uint8)) for i, m in ahead]
-    return sum(bus_timing.frame_time(f, robot.bus[0].bitrate, robot.bus[0].data_bitrate) for f in frames)
+    return sum(bus_timing.time_of(f, robot.bus[0].bitrate, robot.bus[0].data_bitrate) for f in frames)
 
 
 def errors(case: str, seed: int) -> np.ndarray:

@@ -6,17 +6,13 @@ import subprocess
 import sys
 import tomllib
 
-import lcm
 import numpy as np
 import pytest
 from conftest import COGIRO, TOP, minimal_toml
-from rich.console import Console
 
 import inertiad_core
 from inertiad.base import body
 from inertiad.base.error import InputError
-from inertiad.live import watch
-from inertiad_lcm import bus_t, counter_t, estimate_t, event_t, health_t, latency_t
 
 COMMANDS = ["compile", "simulate", "encode", "excite", "watch", "command"]
 
@@ -116,84 +112,7 @@ def test_python_file_has_a_licence_line():
         assert path.read_text().startswith("# SPDX-License-Identifier: Apache-2.0\n"), path
 
 
-# ---- estimate and watch ----------------------------------------------------------------------------------------------
-
-
-def message(mass=161.0):
-    result = estimate_t()
-    result.mass, result.mass_std, result.cog = mass, 0.5, [0.01, 0.02, -0.3]
-    result.inertia_cog = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-    result.n_windows, result.n_rows, result.consistent = 12, 3400, True
-    return result
-
-
-def bus(name, up, condition):
-    result = bus_t()
-    result.name, result.up, result.condition = name, up, condition
-    return result
-
-
-def counted(health, values):
-    health.counter, health.n_counters = [], len(values)
-    for name, value in values.items():
-        item = counter_t()
-        item.name, item.value = name, value
-        health.counter.append(item)
-    return health
-
-
-def shown(latest):
-    console = Console(width=100, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
-    console.print(watch._view(latest, "udpm://x"))
-    return console.export_text()
-
-
-def test_view_shows_value_std_and_consistency():
-    latest = watch.Latest()
-    assert "waiting for an estimate on udpm://x" in shown(latest)
-    latest.on_estimate("", message().encode())
-    health = health_t()
-    health.age = [0.001, 0.002, -1.0]
-    latest.on_health("", health.encode())
-    text = shown(latest)
-    assert "161.000" in text
-    assert "0.500" in text
-    assert "-0.3000" in text
-    assert "12 windows, 3400 rows" in text
-    assert "consistent" in text
-    assert "imu 1 ms, force 2 ms, position none yet" in text
-
-
-def test_view_shows_buses_latencies_losses_and_events():
-    latest = watch.Latest()
-    health = health_t()
-    health.t_ns, health.frozen = 5_000_000_000, True
-    health.bus, health.n_buses = [bus("can0", True, bus_t.ACTIVE), bus("can1", False, bus_t.OFF)], 2
-    latest.on_health("", counted(health, {"bus0.frames": 1000}).encode())
-    health.t_ns += 2_000_000_000
-    x = latency_t()
-    x.name, x.n, x.p50, x.p99, x.p999, x.longest = "estimate", 77, 10e-6, 20e-6, 30e-6, 40e-6
-    health.latency, health.n_latencies = [x], 1
-    counters = {"bus0.frames": 3000, "bus1.dropped_by_kernel": 12, "align.force.late": 7, "align.rows": 5}
-    latest.on_health("", counted(health, counters).encode())
-    event = event_t()
-    event.source, event.text, event.kind = "force", "lost, silent for 0.52 s", event_t.NEWS
-    latest.on_event("", event.encode())
-    text = " ".join(shown(latest).split())
-    assert "can0 │ active │ 1000 │ 3000 │ 0 │ 0" in text
-    assert "can1 │ down │ 0 │ 0 │ 0 │ 12" in text
-    assert "estimate │ 10.0 │ 20.0 │ 30.0 │ 40.0 │ 77" in text
-    assert "lost: align.force.late 7" in text and "align.rows" not in text
-    assert "frozen" in text and "force: lost, silent for 0.52 s" in text
-
-
-def test_watch_shows_what_an_lcm_log_holds(inertiactl, tmp_path):
-    log = lcm.EventLog(str(tmp_path / "run.lcmlog"), "w", overwrite=True)
-    log.write_event(1_000_000, "INERTIAD_ESTIMATE", message(123.456).encode())
-    log.close()
-    result = inertiactl("watch", "--lcm", f"file://{tmp_path}/run.lcmlog?speed=0", "--seconds", "1")
-    assert result.returncode == 0, result.stderr
-    assert "123.456" in result.stdout
+# ---- estimate ------------------------------------------------------------------------------------------------------
 
 
 ESTIMATE = {

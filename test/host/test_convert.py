@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import can
 import cantools
@@ -15,12 +16,14 @@ import pytest
 from conftest import COGIRO, TOP
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from inertiad.base import quantity, table, units
 from inertiad.base.error import InputError
 from inertiad.base.table import Table
-from inertiad.exchange import body_formats, convert, dataset, file_formats
+from inertiad.exchange import body_formats, convert, dataset, file_formats, foxglove
 from inertiad.exchange.dataset import Dataset
+from inertiad.model import tension_color
 from inertiad.robot import configuration, description
 from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import canlog, lcmlog
@@ -237,13 +240,120 @@ def test_mcap_opens_in_its_own_reader_with_json_schemas(recorded: Dataset, tmp_p
         summary = reader.get_summary()
         topics = {channel.topic: channel.message_encoding for channel in summary.channels.values()}
         assert topics["/signals"] == topics["/frames"] == "json"
-        assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema"}
+        assert {schema.encoding for schema in summary.schemas.values()} == {"jsonschema", "protobuf"}
         listed = list(reader.iter_messages(topics=["/signals"]))
     schema = json.loads(listed[0][0].data)
     assert schema["type"] == "object" and schema["properties"]["acc_x"]["description"] == "m/s2"
     signals = recorded.tables["signals"]
     assert [message.log_time for _, _, message in listed] == signals.t_ns.tolist()
     assert [json.loads(m.data)["f_1"] for _, _, m in listed] == signals.columns["f_1"].tolist()
+
+
+def drawn_messages(path: Path) -> dict[str, list]:
+    """Foxglove's messages by topic, decoded by the schemas in the file alone."""
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    found: dict[str, list] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, decoded in reader.iter_decoded_messages(topics=list(foxglove.TOPICS)):
+            assert schema.name == f"foxglove.{SCHEMAS[channel.topic]}" and schema.encoding == "protobuf"
+            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return found
+
+
+SCHEMAS = {"/tf": "FrameTransform", "/platform/pose": "PoseInFrame"} | dict.fromkeys(
+    ("/robot", "/cables", "/body"), "SceneUpdate"
+)
+
+
+def xyz(v) -> list[float]:
+    return [v.x, v.y, v.z]
+
+
+def test_mcap_has_the_robot_in_motion_as_foxgloves_messages(run: Path, recorded: Dataset, tmp_path: Path):
+    file_formats.write_mcap(tmp_path / "x.mcap", recorded)
+    found = drawn_messages(tmp_path / "x.mcap")
+    robot, signals = description.load(run / "robot.toml"), recorded.tables["signals"]
+    assert set(found) == set(foxglove.TOPICS) and len(found["/robot"]) == 1
+    t_ns, transform = found["/tf"][10]
+    row = int(np.searchsorted(signals.t_ns, t_ns))
+    assert signals.t_ns[row] == t_ns == transform.timestamp.ToNanoseconds()
+    assert (transform.parent_frame_id, transform.child_frame_id) == ("world", "platform")
+    r = transform.rotation
+    turn = Rotation.from_quat([r.x, r.y, r.z, r.w])
+    tracked = np.array(xyz(transform.translation)) + turn.apply(robot.tracker.target)
+    np.testing.assert_allclose(tracked, signals.stack(*quantity.POSITION)[row], atol=1e-12)
+    pose = dict(found["/platform/pose"])[t_ns]
+    assert pose.frame_id == "world" and xyz(pose.pose.position) == xyz(transform.translation)
+    [lines] = dict(found["/cables"])[t_ns].entities[0].lines
+    assert lines.type == lines.LINE_LIST and len(lines.points) == len(lines.colors) == 2 * robot.n_cables
+    corner = np.array(xyz(transform.translation)) + turn.apply([c.attachment for c in robot.cable])
+    ends = np.array([xyz(point) for point in lines.points]).reshape(-1, 2, 3)
+    np.testing.assert_allclose(ends[:, 0], corner, atol=1e-12)
+    reach = max(cable.pulley_radius for cable in robot.cable)
+    assert (np.linalg.norm(ends[:, 1] - [c.anchor for c in robot.cable], axis=1) <= 2.0 * reach + 1e-9).all()
+    assert np.diff([t for t, _ in found["/tf"]]).min() >= 1e9 / foxglove.RATE - 2e7  # rows come every 20 ms
+
+
+def test_mcap_has_the_body_of_each_estimate(recorded: Dataset, tmp_path: Path):
+    file_formats.write_mcap(tmp_path / "x.mcap", recorded)
+    estimate = recorded.tables["estimate"]
+    for t_ns, scene in drawn_messages(tmp_path / "x.mcap")["/body"]:
+        row, [entity] = int(np.searchsorted(estimate.t_ns, t_ns)), scene.entities
+        cog = [estimate.columns[f"cog_{a}"][row] for a in "xyz"]
+        assert entity.frame_id == "platform" and xyz(entity.spheres[0].pose.position) == cog
+        assert entity.texts[0].text.startswith(f"{estimate.columns['mass'][row]:.2f} ± ")
+        names = [f"inertia_cog_{e}" for e in dataset.INERTIA]
+        J = inertia_matrix(np.array([estimate.columns[name][row] for name in names]))
+        if len(entity.spheres) == 2:  # back from the ellipsoid to the inertia
+            size, o = np.array(xyz(entity.spheres[1].size)) / 2.0, entity.spheres[1].pose.orientation
+            R = Rotation.from_quat([o.x, o.y, o.z, o.w]).as_matrix()
+            moments = estimate.columns["mass"][row] / 5.0 * (np.sum(size**2) - size**2)
+            np.testing.assert_allclose(R @ np.diag(moments) @ R.T, J, atol=1e-9 * np.abs(J).max())
+
+
+def test_layouts_name_what_the_mcap_has(recorded: Dataset, tmp_path: Path):
+    from mcap.reader import make_reader
+
+    written = file_formats.write_mcap(tmp_path / "x.mcap", recorded)
+    assert [path.name for path in written] == ["x.mcap", "x.foxglove.json", "x.plotjuggler.xml"]
+    with written[0].open("rb") as file:
+        topics = {channel.topic for channel in make_reader(file).get_summary().channels.values()}
+    layout = json.loads(written[1].read_text())
+    plotted = [path["value"] for p in layout["configById"].values() for path in p.get("paths", [])]
+    curves = [curve.get("name") for curve in ElementTree.parse(written[2]).iter("curve")]
+    assert len(plotted) == len(curves) == len(set(plotted)) >= 16
+    for value, name in ((p, p.partition(".")[2]) for p in plotted):
+        assert name in recorded.tables[value.partition(".")[0].strip("/")].columns
+    assert {value.replace(".", "/") for value in plotted} == set(curves)
+    assert set(layout["configById"]["3D!robot"]["topics"]) <= topics
+
+    def panels(node) -> list[str]:
+        return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
+
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+
+
+def test_run_without_description_is_exported_without_the_robot_in_space(recorded: Dataset, tmp_path: Path):
+    file_formats.write_mcap(tmp_path / "x.mcap", Dataset(recorded.tables, recorded.frames, "x"))
+    assert drawn_messages(tmp_path / "x.mcap") == {}
+    assert "3D!robot" not in (tmp_path / "x.foxglove.json").read_text()
+
+
+@pytest.mark.parametrize(
+    ("f", "expected"),
+    [
+        (99.0, tension_color.SLACK),
+        (100.0, (37, 99, 200)),
+        (1000.0, (214, 78, 18)),
+        (1001.0, tension_color.OVERLOAD),
+        (100.0 * 10**0.4, (20, 160, 170)),
+    ],
+)
+def test_colour_of_a_tension_is_logarithmic_between_its_limits(f, expected):
+    assert tension_color.color(f, 100.0, 1000.0) == expected
 
 
 def test_mat_opens_in_scipy_with_a_struct_of_units(recorded: Dataset, tmp_path: Path):
@@ -423,7 +533,9 @@ def test_run_without_tracker_says_so_and_gives_its_frames(run: Path, tmp_path: P
     assert "no CAN frame" in text
 
 
-@pytest.mark.parametrize(("form", "package"), [("parquet", "pyarrow"), ("mcap", "mcap")])
+@pytest.mark.parametrize(
+    ("form", "package"), [("parquet", "pyarrow"), ("mcap", "mcap"), ("mcap", "foxglove_schemas_protobuf")]
+)
 def test_missing_package_is_named(form: str, package: str, recorded: Dataset, tmp_path: Path, monkeypatch):
     for name in [n for n in sys.modules if n == package or n.startswith(f"{package}.")] + [package]:
         monkeypatch.setitem(sys.modules, name, None)

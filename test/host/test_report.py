@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """report: the page in a real browser, the sensor it names, the words for runs that tell nothing."""
 
+import csv
 import re
 import shutil
 import subprocess
@@ -15,7 +16,7 @@ from conftest import COGIRO, TOP
 import inertiad_core
 from inertiad.base import table
 from inertiad.identify import fit
-from inertiad.report import document, figure, interactive, page, printed, report_data, verdict
+from inertiad.report import document, figure, interactive, page, printed, report_data, scene, verdict
 from inertiad.report.report_data import Facts
 from inertiad.run import lcmlog, reader
 
@@ -338,6 +339,59 @@ def test_solid_is_really_drawn_and_turns(opened: Browser) -> None:
     assert (np.abs(after - before).max(axis=1) > 30).mean() > 0.01
 
 
+def test_both_views_of_the_solid_are_true_to_scale(opened: Browser) -> None:
+    """Equal lengths along x, y and z are equal in the scene's own units, in each view."""
+    state = """(() => { const s = document.querySelector(".scene")._fullLayout.scene;
+        return ["x", "y", "z"].map((a) => s.aspectratio[a] / (s[a + "axis"].range[1] - s[a + "axis"].range[0])); })()"""
+    for view in (1, 0):
+        opened.ask(f"""(() => {{ const box = document.querySelector(".scene");
+            const [marks, layout] = box._fullLayout.updatemenus[0].buttons[{view}].args;
+            return Plotly.update(box, marks, layout).then(() => 0); }})()""")
+        scale = opened.ask(state)
+        assert max(scale) == pytest.approx(min(scale), rel=1e-6), scale
+    assert opened.ask("document.querySelectorAll('.scene .legend .traces').length") <= 6
+
+
+def test_labels_of_close_points_are_one() -> None:
+    points = np.array([[0.0, 0, 0], [5.0, 0, 0], [0.1, 0, 0], [5.0, 0.1, 0], [9.0, 0, 0]])
+    assert scene.merged_labels(points, 0.5) == ["1, 3", "2, 4", "", "", "5"]
+    assert scene.merged_labels(points, 0.0) == ["1", "2", "3", "4", "5"]
+
+
+def test_every_figure_gives_its_numbers_as_csv(opened: Browser) -> None:
+    opened.ask("URL.createObjectURL = (blob) => { window.saved = blob; return 'data:,'; }, 0")
+    keys = opened.ask("[...document.querySelectorAll('button.csv')].map((b) => b.dataset.key)")
+    assert keys == opened.ask("[...document.querySelectorAll('.drawing')].map((b) => b.dataset.key)")
+    for key in keys:
+        opened.ask(f"""document.querySelector('button.csv[data-key="{key}"]').click()""")
+        rows = list(csv.reader(opened.ask("window.saved.text()").splitlines()))
+        assert rows[0] == ["panel", "series", "x", "y", "z", "half_width"] and len(rows) > 1, key
+        assert all(len(row) == 6 for row in rows), key
+        if key == "convergence":
+            drawn = opened.ask("""JSON.parse(document.getElementById("drawings").textContent).convergence.data
+                .filter((line) => line.hoverinfo !== "skip").map((line) => [line.name, line.x.length, line.y[0]])""")
+            named = [row for row in rows[1:] if row[1] == drawn[0][0] and row[0] == "mass, kg"]
+            assert len(named) >= drawn[0][1] > 10 and float(named[0][3]) == drawn[0][2]
+
+
+def test_tables_have_scopes_and_a_page_without_scripts_says_so(written: Path, opened: Browser) -> None:
+    assert opened.ask("document.querySelectorAll('th:not([scope])').length") == 0
+    assert opened.ask("document.querySelectorAll('tbody tr > :first-child:not(th)').length") == 0
+    assert "<noscript>" in written.read_text() and opened.ask("document.querySelector('.back').hash") == "#top"
+
+
+def test_narrow_page_begins_with_closed_sections_that_open_and_draw(written: Path) -> None:
+    with browser() as shown:
+        shown.show(400, 900)
+        shown.open(written)
+        is_open = "[...document.querySelectorAll('details.part')].map((part) => part.open)"
+        parts = shown.ask(is_open)
+        assert parts[0] and not any(parts[1:])
+        shown.ask("document.querySelector('nav a[href=\"#tensions\"]').click()")
+        shown.wait("document.querySelector('#tensions .flat .trace') !== null")
+        assert shown.complaints == []
+
+
 def test_page_follows_theme_and_width_and_prints(opened: Browser, tmp_path: Path) -> None:
     ink = """getComputedStyle(document.querySelector(".flat .xtick text")).fill"""
     light = opened.ask(ink)
@@ -347,7 +401,11 @@ def test_page_follows_theme_and_width_and_prints(opened: Browser, tmp_path: Path
     opened.wait("[...document.querySelectorAll('.flat')].every((box) => box._fullLayout.width <= 420)")
     assert opened.ask("document.documentElement.scrollWidth") <= 420
     opened.show(1200, 900)
+    closed = "document.querySelectorAll('details:not([open])').length"
+    before = opened.ask(closed)
+    opened.ask(f"window.addEventListener('beforeprint', () => {{ window.closedOnPaper = {closed}; }}), 0")
     opened.print(tmp_path / "page.pdf")
+    assert opened.ask("window.closedOnPaper") == 0 and opened.ask(closed) == before > 0
     assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
     assert opened.complaints == []
 

@@ -290,11 +290,11 @@ def test_frames_on_the_bus_follow_each_other(cogiro, tmp_path):
 
 def test_fd_frame_takes_the_bits_of_both_phases():
     short, long = (encode.Frames(0, 0x100, True, np.zeros((1, n), np.uint8)) for n in (8, 64))
-    assert bus_timing.frame_time(short, 1e6, 5e6) == pytest.approx(
+    assert bus_timing.time_of(short, 1e6, 5e6) == pytest.approx(
         29e-6 + (64 + 33) / 5e6
     )  # 17 of CRC, 6 fixed stuff bits
-    assert bus_timing.frame_time(long, 1e6, 5e6) == pytest.approx(29e-6 + (512 + 38) / 5e6)  # 21 and 7
-    assert bus_timing.frame_time(long, 1e6, 5e6, stuffed=True) == pytest.approx(33e-6 + (512 + 38 + 130) / 5e6)
+    assert bus_timing.time_of(long, 1e6, 5e6) == pytest.approx(29e-6 + (512 + 38) / 5e6)  # 21 and 7
+    assert bus_timing.time_of(long, 1e6, 5e6, stuffed=True) == pytest.approx(33e-6 + (512 + 38 + 130) / 5e6)
 
 
 @pytest.mark.parametrize("name", ["robot.toml", "robot_fd.toml"])

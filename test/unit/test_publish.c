@@ -81,6 +81,10 @@ static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* use
         (void)snprintf(last_text, sizeof last_text, "%s: %s", event.source, event.text);
         last_kind = event.kind, last_sender = event.sender, last_sequence = event.command;
         inertiad_lcm_event_t_decode_cleanup(&event);
+    } else if (strcmp(channel, "TEST_CONFIG") == 0) {
+        n_received[IPE_PUBLISH_CONFIG]++;
+        last_length = n;
+        memcpy(last_text, buffer->data, (size_t)n);
     }
 }
 
@@ -254,6 +258,18 @@ static void test_publish_health_and_event_arrive_whole(void)
     TEST_ASSERT_EQUAL_STRING("can0: interface is down", last_text);
 }
 
+static void test_publish_config_arrives_as_it_is_and_is_counted(void)
+{
+    const uint8_t bytes[] = {7, 0, 9};
+    const uint64_t n_before = publisher.n_messages;
+    ipe_publish_config(&publisher, bytes, sizeof bytes);  // when
+    handle_all();                                         // then
+    TEST_ASSERT_EQUAL(1, n_received[IPE_PUBLISH_CONFIG]);
+    TEST_ASSERT_EQUAL(sizeof bytes, last_length);
+    TEST_ASSERT_EQUAL_MEMORY(bytes, last_text, sizeof bytes);
+    TEST_ASSERT_EQUAL_UINT64(n_before + 1, publisher.n_messages);
+}
+
 static void test_publish_answer_tells_which_command_it_answers(void)
 {
     const ipe_command_t command = {.sequence = 3, .sender = 99};
@@ -298,6 +314,7 @@ int main(void)
     RUN_TEST(test_publish_order_gives_each_item_its_place_among_the_frames);
     RUN_TEST(test_publish_order_is_sent_when_full);
     RUN_TEST(test_publish_health_and_event_arrive_whole);
+    RUN_TEST(test_publish_config_arrives_as_it_is_and_is_counted);
     RUN_TEST(test_publish_answer_tells_which_command_it_answers);
     RUN_TEST(test_publish_without_lcm_does_nothing);
     RUN_TEST(test_publish_bad_prefix_is_refused);

@@ -31,3 +31,9 @@ def is_bad(name: str) -> bool:
     """True if the counter of this name is 0 on a good run."""
     counter = PIPELINE.get(name)
     return bool(counter["is_bad"]) if counter else name.rpartition(".")[2] in BAD_CAUSES
+
+
+def is_loss(name: str) -> bool:
+    """True if the counter counts what is lost or refused, for any cause but a clock or tilt that settles."""
+    cause = name.rpartition(".")[2]
+    return cause != "unsettled" and (is_bad(name) or name in REJECTED or cause in ("late", "missing"))

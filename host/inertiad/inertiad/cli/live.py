@@ -18,11 +18,48 @@ def watch(
     url: Url = DEFAULT_URL,
     prefix: Prefix = DEFAULT_PREFIX,
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
-) -> None:
-    """Show the daemon's estimate with its standard deviations, buses, latencies, losses and events, live."""
+    as_json: Annotated[bool, typer.Option("--json", help="One line of JSON per message, for scripts.")] = False,
+) -> int:
+    """Show the daemon's estimate with its standard deviations, buses, latencies, losses and events, live.
+
+    Four pages: keys 1 to 4 or Tab; q ends. NIS is the normalised innovation squared of the last window: its misfit in
+    its own sigmas, squared. 6 is expected; more than 17, again and again, means a push, a slack cable or a bad sensor.
+
+    Exit code 1: nobody sent anything.
+    """
     from inertiad.live import watch as watcher
 
-    watcher.watch(url, prefix, seconds)
+    if watcher.watch(url, prefix, seconds, as_json):
+        return 0
+    say(f"inertiactl: --lcm {url}: nothing came on {prefix}...: does inertiad run there?")
+    return 1
+
+
+@commands.command(epilog="Example: inertiactl live --robot robot.toml")
+def live(
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address to serve on; 0.0.0.0: every network.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0: any free one.")] = 8765,
+    run: Annotated[
+        Path | None, typer.Option("--run", metavar="RUN", help="Play this run's run.lcmlog instead, at its own pace.")
+    ] = None,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, for its nominal body.")
+    ] = None,
+    url: Url = DEFAULT_URL,
+    prefix: Prefix = DEFAULT_PREFIX,
+    seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
+) -> None:
+    """Show the robot and the daemon's estimate live on a web page, or a recorded run again.
+
+    The page has the robot in 3D with tensions, CoG and ellipsoid of inertia, the ten numbers, convergence, residuals,
+    sensors, buses, losses, findings and events. Its buttons send commands to the daemon; on an address that other
+    machines reach, and for a recording, they are off.
+    """
+    from inertiad.live import web_view
+
+    web_view.serve(web_view.Options(host, port, run, robot, url, prefix, seconds), say)
 
 
 @commands.command(epilog='Example: inertiactl command mark "load on"')

@@ -38,13 +38,15 @@ def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, 
         body_formats.write(output, body, form)
         return [f"{output}: mass {body.mass:.6g} kg"]
     data = dataset.read(run, robot, prefix, remarks)
+    if form == "mcap" and data.robot is None:
+        remarks.append("no usable robot description: without the robot in 3D; pass --robot ROBOT")
     written = file_formats.FORMATS[form].write(output, data)
     contents = [f"{table.name} {len(table)}" for table in data.all()]
     if form == "candump" and data.frames is not None:
         contents = [f"frames {len(data.frames)}"]
-    if len(written) == 1:
-        return [f"{output}: {', '.join(contents)}"]
-    return [f"{path}: {what}" for path, what in zip(written, contents, strict=True)]
+    if file_formats.FORMATS[form].is_per_table:
+        return [f"{path}: {what}" for path, what in zip(written, contents, strict=True)]
+    return [f"{output}: {', '.join(contents)}", *(f"{path}: layout" for path in written[1:])]
 
 
 def _reader(path: Path) -> Callable[[Path], Dataset]:

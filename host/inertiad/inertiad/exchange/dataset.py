@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.base.table import NS, Table, Values, at_ns, header, read_columns
-from inertiad.run import canlog, lcmlog
+from inertiad.robot.description import Robot
+from inertiad.run import canlog, lcmlog, reader
 from inertiad.run.canlog import CanLog
 
 NAMES: Final = ("signals", "tracker", "estimate", "frames", "events", "health")
@@ -228,6 +229,8 @@ class Dataset:
     """by name, in the order of NAMES; frames not among them"""
     frames: CanLog | None
     source: str
+    robot: Robot | None = None
+    """the description that belongs to the run; None: there is none that can be used"""
 
     def all(self) -> Iterator[Table]:
         """Every table, that of the frames included."""
@@ -249,8 +252,6 @@ def _frames(run: Path, prefix: str, remarks: list[str]) -> CanLog | None:
 
 def _aligned(run: Path, robot_file: Path | None) -> Table:
     """Rows as the daemon aligns them, from the run's frames and positions."""
-    from inertiad.run import reader
-
     rows = reader.read(run, robot_file).rows
     stacked = np.hstack([np.asarray(x) for x in (rows.acc, rows.gyro, rows.q, rows.position, rows.f)])
     return signals_of(np.rint(1e9 * np.asarray(rows.t)).astype(np.int64), stacked)
@@ -270,6 +271,13 @@ def _of_folder(run: Path, robot_file: Path | None, frames: CanLog | None, remark
     return found
 
 
+def _robot_of(run: Path, robot_file: Path | None) -> Robot | None:
+    try:
+        return reader.robot_of(run, robot_file)
+    except (InputError, OSError):
+        return None
+
+
 def read(run: Path, robot_file: Path | None, prefix: str, remarks: list[str]) -> Dataset:
     """A run folder, an LCM log or a CAN log. remarks: missing parts and damage.
 
@@ -285,4 +293,5 @@ def read(run: Path, robot_file: Path | None, prefix: str, remarks: list[str]) ->
         tables = _of_folder(run, robot_file, frames, remarks) | tables
     if not tables and frames is None:
         raise InputError(f"{run}: nothing to export: {'; '.join(remarks)}")
-    return Dataset({name: tables[name] for name in NAMES if name in tables}, frames, str(run))
+    robot = _robot_of(run, robot_file)
+    return Dataset({name: tables[name] for name in NAMES if name in tables}, frames, str(run), robot)

@@ -3,7 +3,9 @@
 
 csv       one file per table: FILE holds the first, FILE's stem.TABLE.csv the others; heads with units
 parquet   likewise; the unit is the metadata "unit" of each field
-mcap      a channel per table, JSON messages with a JSON schema whose descriptions are the units: Foxglove, PlotJuggler
+mcap      a channel per table, JSON messages with a JSON schema whose descriptions are the units: PlotJuggler, Foxglove;
+          the robot in motion as Foxglove's messages (foxglove.py); beside it FILE's stem.foxglove.json and
+          stem.plotjuggler.xml, layouts for Foxglove or Lichtblick and for PlotJuggler
 mat       MATLAB 5: a struct per table, and a struct units; t in s, t_ns exact
 mf4       ASAM MDF 4.1: a channel group per table, t_ns exact; CAN frames as bus logging, for tools that know DBC
 candump   can-utils' log: the frames alone, stamps in us
@@ -25,7 +27,7 @@ import numpy as np
 from inertiad.base import units
 from inertiad.base.error import InputError
 from inertiad.base.table import Table, at_ns
-from inertiad.exchange import dataset
+from inertiad.exchange import dataset, foxglove, layouts
 from inertiad.exchange.dataset import Dataset
 from inertiad.run import canlog
 from inertiad.run.canlog import CanLog
@@ -151,6 +153,7 @@ def _finite_or_none(values: Any) -> list[Any]:
 def write_mcap(path: Path, data: Dataset) -> list[Path]:
     """MCAP with JSON messages; log time is host time."""
     Writer = _package("mcap.writer", "mcap").Writer
+    drawn = _drawn(data)
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="", library="inertiad")
@@ -163,8 +166,32 @@ def write_mcap(path: Path, data: Dataset) -> list[Path]:
                 message = json.dumps(dict(zip(names, row, strict=True))).encode()
                 writer.add_message(channel, max(row[0], 0), message, max(row[0], 0), k)
             writer.add_metadata(f"units of {table.name}", {name: units.of(name) for name in names})
+        _write_drawn(writer, drawn)
         writer.finish()
-    return [path]
+    beside = (path.with_suffix(".foxglove.json"), path.with_suffix(".plotjuggler.xml"))
+    beside[0].write_text(layouts.foxglove(data, bool(drawn)), encoding="utf-8")
+    beside[1].write_text(layouts.plotjuggler(data), encoding="utf-8")
+    return [path, *beside]
+
+
+def _drawn(data: Dataset) -> list[foxglove.Message]:
+    """The robot in motion; none where its description is missing."""
+    _package("foxglove_schemas_protobuf", "mcap")
+    return [] if data.robot is None else list(foxglove.messages(data, data.robot))
+
+
+def _write_drawn(writer: Any, drawn: list[foxglove.Message]) -> None:
+    register = _package("mcap_protobuf.schema", "mcap").register_schema
+    schemas: dict[str, int] = {}
+    channels: dict[str, int] = {}
+    for number, message in enumerate(drawn):
+        kind = message.data.DESCRIPTOR.full_name
+        if kind not in schemas:
+            schemas[kind] = register(writer, type(message.data))
+        if message.topic not in channels:
+            channels[message.topic] = writer.register_channel(message.topic, "protobuf", schemas[kind])
+        stamp = max(message.t_ns, 0)
+        writer.add_message(channels[message.topic], stamp, message.data.SerializeToString(), stamp, number)
 
 
 def read_mcap(path: Path) -> Dataset:
@@ -378,14 +405,15 @@ class Format:
     """A file format by name."""
 
     write: Callable[[Path, Dataset], list[Path]]
-    """returns the files written"""
+    """returns the files written: one per table, or the file and what belongs to it"""
     read: Callable[[Path], Dataset]
     ending: str
+    is_per_table: bool = False
 
 
 FORMATS: Final = {
-    "csv": Format(write_csv, read_csv, ".csv"),
-    "parquet": Format(write_parquet, read_parquet, ".parquet"),
+    "csv": Format(write_csv, read_csv, ".csv", True),
+    "parquet": Format(write_parquet, read_parquet, ".parquet", True),
     "mcap": Format(write_mcap, read_mcap, ".mcap"),
     "mat": Format(write_mat, read_mat, ".mat"),
     "mf4": Format(write_mf4, read_mf4, ".mf4"),

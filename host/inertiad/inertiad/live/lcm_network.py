@@ -35,13 +35,13 @@ def _silent_library() -> Iterator[None]:
         os.close(sink)
 
 
-def connect(url: str) -> Any:
-    """An lcm.LCM. InputError if the URL is wrong or no interface carries multicast."""
+def connect(url: str, parameters: str = "") -> Any:
+    """An lcm.LCM. parameters: added to the URL. InputError if it is wrong or no interface carries multicast."""
     import lcm
 
     try:
         with _silent_library():
-            return lcm.LCM(url)
+            return lcm.LCM(f"{url}{'&' if '?' in url else '?'}{parameters}" if parameters else url)
     except RuntimeError:
         raise InputError(f"--lcm {url}: cannot open: allowed: an LCM URL; udpm only {ROUTE}") from None
 
@@ -55,7 +55,7 @@ class Listener(threading.Thread):
     def __init__(self, url: str, channels: str, take: Callable[[str, bytes], None]) -> None:
         super().__init__(daemon=True)
         self._is_over = threading.Event()
-        self._link = connect(f"{url}{'&' if '?' in url else '?'}recv_buf_size={RECEIVE_BUFFER}")
+        self._link = connect(url, f"recv_buf_size={RECEIVE_BUFFER}")
         self._link.subscribe(channels, take).set_queue_capacity(QUEUE)
 
     def run(self) -> None:

@@ -1,202 +1,135 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A live view of the daemon's messages: estimate, buses, latencies, losses, events. LCM in, terminal out."""
+"""inertiactl watch: the daemon's messages in a terminal, page by page, or as lines of JSON. LCM in, text out."""
 
+import json
+import math
+import os
+import re
+import select
+import sys
+import termios
 import time
-from collections import deque
-from typing import Any
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
 
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
-from rich.table import Table
-from rich.text import Text
 
-from inertiad.base.body import NAMES, UNITS, of_message
+from inertiad.live.incoming import plain
+from inertiad.live.latest import Latest
 from inertiad.live.lcm_network import connect
-from inertiad.run import estimate_message
-from inertiad_lcm import bus_t, estimate_t, event_t, health_t, host_t
+from inertiad.live.watch_pages import PAGES, screen, whole
+from inertiad_lcm import bus_t, counter_t, estimate_t, event_t, fact_t, health_t, host_t, latency_t
 
-SILENT_AFTER = 2.0
-"""s without a message after which the table warns"""
-EVENTS_SHOWN = 6
-
-
-class Latest:
-    """The newest message of each kind and when it came."""
-
-    def __init__(self) -> None:
-        self.estimate: estimate_t | None = None
-        self.health: health_t | None = None
-        self.before: health_t | None = None
-        """the HEALTH before that, for rates"""
-        self.host: host_t | None = None
-        self.events: deque[event_t] = deque(maxlen=EVENTS_SHOWN)
-        self.heard = time.monotonic()
-
-    def on_estimate(self, _channel: str, data: bytes) -> None:
-        self.estimate = estimate_message.decode(data)
-        self.heard = time.monotonic()
-
-    def on_health(self, _channel: str, data: bytes) -> None:
-        self.before, self.health = self.health, health_t.decode(data)
-        self.heard = time.monotonic()
-
-    def on_host(self, _channel: str, data: bytes) -> None:
-        self.host = host_t.decode(data)
-        self.heard = time.monotonic()
-
-    def on_event(self, _channel: str, data: bytes) -> None:
-        self.events.append(event_t.decode(data))
-        self.heard = time.monotonic()
-
-    @property
-    def silence(self) -> float:
-        """s since the last message."""
-        return time.monotonic() - self.heard
+CHANNELS: Final = ("ESTIMATE", "HEALTH", "EVENT", "HOST")
+POLL: Final = 0.1
+"""s between looks at keys and clock"""
+_LENGTHS: Final = {f"n_{name}" for name in ("systematic", "counters", "buses", "latencies", "buckets", "facts")}
+_STRUCTS: Final = (bus_t, counter_t, estimate_t, event_t, fact_t, health_t, host_t, latency_t)
 
 
-def _estimate_table(estimate: estimate_t) -> Table:
-    body = of_message(estimate)
-    table = Table(title="platform", title_justify="left", min_width=52)
-    for heading in ("", "value", "± std", "unit"):
-        table.add_column(heading, justify="left" if heading in ("", "unit") else "right")
-    for name, unit, value, std in zip(NAMES, UNITS, body.value, body.std, strict=True):
-        digits = 4 if unit == "m" else 3
-        table.add_row(name, f"{value:.{digits}f}", f"{std:.{digits}f}", unit)
-    return table
+def _plain(value: Any) -> Any:
+    """A message or a part of it as JSON has it: names and values in place of counters and facts, null for no number."""
+    match value:
+        case str():
+            return plain(value, len(value))
+        case float():
+            return value if math.isfinite(value) else None
+        case list() | tuple():
+            if value and isinstance(value[0], counter_t | fact_t):
+                return {plain(item.name, 200): _plain(item.value) for item in value}
+            return [_plain(item) for item in value]
+    if isinstance(value, _STRUCTS):
+        return {name: _plain(getattr(value, name)) for name in value.__slots__ if name not in _LENGTHS}
+    return value
 
 
-def _summary(estimate: estimate_t) -> Text:
-    state = ("consistent", "green") if estimate.consistent else ("not a body that can exist", "red")
-    counts = (
-        f"{estimate.n_windows} windows, {estimate.n_rows} rows, {estimate.n_dropped} dropped, NIS {estimate.nis:.1f}   "
-    )
-    return Text.assemble(counts, state)
+def json_line(channel: str, message: Any) -> str:
+    """One message as one line: its fields as in lcm_types, SI units, and "message": ESTIMATE, HEALTH, EVENT or HOST."""
+    return json.dumps({"message": channel, **_plain(message)}, allow_nan=False)
 
 
-_AGE_NAMES = ("imu", "force", "position")
-_CONDITIONS = {bus_t.ACTIVE: "active", bus_t.WARNING: "warning", bus_t.PASSIVE: "passive", bus_t.OFF: "bus-off"}
-_LOSSES = ("dropped_by_kernel", "dropped_by_logger", "controller_overruns")
-_UNWANTED = {
-    "late",
-    "missing",
-    "overrun",
-    "backwards",
-    "not_finite",
-    "incomplete",
-    "bad_length",
-    "duplicate",
-    "dropped",
-    "lost",
-    "bad_quaternion",
-    "bad_geometry",
-    "signal_not_finite",
-    "spikes",
-    "unreachable",
-    "failed",
-}
+class _Link:
+    """Messages of a daemon, handed on one by one."""
+
+    def __init__(self, url: str, prefix: str, take: Callable[[str, bytes], None]) -> None:
+        self._bus = connect(url)
+        for channel in CHANNELS:
+            self._bus.subscribe(re.escape(f"{prefix}{channel}"), lambda c, data: take(c.removeprefix(prefix), data))
+
+    def is_open_after(self, seconds: float) -> bool:
+        """Hand on what comes within so long; False: a log has come to its end."""
+        try:
+            self._bus.handle_timeout(max(1, int(1e3 * seconds)))
+        except OSError:
+            return False
+        return True
 
 
-def _counters(health: health_t | None) -> dict[str, int]:
-    return {} if health is None else {c.name: c.value for c in health.counter}
+@contextmanager
+def _keys() -> Iterator[Callable[[], str]]:
+    """A function that returns the key pressed since, "" for none; keys are not shown meanwhile."""
+    if not sys.stdin.isatty():
+        yield lambda: ""
+        return
+    fd = sys.stdin.fileno()
+    before = termios.tcgetattr(fd)
+    try:
+        tty.setcbreak(fd)
+        yield lambda: os.read(fd, 16).decode(errors="ignore") if select.select([fd], [], [], 0.0)[0] else ""
+    finally:
+        termios.tcsetattr(fd, termios.TCSADRAIN, before)
 
 
-def _sensor_line(health: health_t) -> Text:
-    ages = ", ".join(
-        f"{name} {'none yet' if age < 0 else f'{1e3 * age:.0f} ms'}"
-        for name, age in zip(_AGE_NAMES, health.age, strict=True)
-    )
-    return Text(f"age of last sample: {ages}", style="dim")
+def turned(page: int, key: str) -> int:
+    """The page after a key."""
+    if key in ("\t", "\x1b[C", " "):
+        return (page + 1) % len(PAGES)
+    if key in ("\x1b[D", "\x1b[Z"):
+        return (page - 1) % len(PAGES)
+    return int(key) - 1 if key.isdigit() and 1 <= int(key) <= len(PAGES) else page
 
 
-def _bus_table(health: health_t, before: health_t | None) -> Table:
-    now, then = _counters(health), _counters(before)
-    seconds = 1e-9 * (health.t_ns - before.t_ns) if before is not None else 0.0
-    table = Table(title="buses", title_justify="left", min_width=52)
-    for heading in ("", "state", "frames/s", "frames", "errors", "lost"):
-        table.add_column(heading, justify="left" if heading in ("", "state") else "right")
-    for i, bus in enumerate(health.bus):
-        frames = now.get(f"bus{i}.frames", 0)
-        rate = f"{(frames - then.get(f'bus{i}.frames', 0)) / seconds:.0f}" if seconds > 0 else ""
-        lost = sum(now.get(f"bus{i}.{cause}", 0) for cause in _LOSSES)
-        good = bus.up and bus.condition == bus_t.ACTIVE
-        state = Text(_CONDITIONS.get(bus.condition, "?") if bus.up else "down", style="green" if good else "red")
-        errors = str(now.get(f"bus{i}.error_frames", 0))
-        table.add_row(bus.name, state, rate, str(frames), errors, Text(str(lost), style="red" if lost else ""))
-    return table
+def _shown(latest: Latest, link: _Link, url: str, console: Console, is_time: Callable[[], bool]) -> None:
+    """Pages in the terminal until the time is over, the log has ended, or q."""
+    page, is_open = 0, True
+    with _keys() as key, Live(console=console, screen=True, auto_refresh=False) as live:
+        while is_open and is_time():
+            drawn = time.monotonic() + POLL
+            while is_open and (left := drawn - time.monotonic()) > 0.0:
+                is_open = link.is_open_after(left)
+            pressed = key()
+            if pressed in ("q", "Q"):
+                return
+            page = turned(page, pressed)
+            live.update(screen(latest, url, page, console.size.height), refresh=True)
 
 
-def _latency_table(health: health_t) -> Table:
-    table = Table(title="latency after the frame's arrival, µs", title_justify="left", min_width=52)
-    for heading in ("", "p50", "p99", "p99.9", "longest", "n"):
-        table.add_column(heading, justify="left" if heading == "" else "right")
-    for x in health.latency:
-        table.add_row(x.name, *(f"{1e6 * value:.1f}" for value in (x.p50, x.p99, x.p999, x.longest)), str(x.n))
-    return table
+def watch(url: str, prefix: str, seconds: float | None, as_json: bool) -> bool:
+    """Show the estimate until interrupted, for some seconds, or to the end of a log. False: no message came.
 
-
-def _loss_line(health: health_t) -> Text:
-    """Counters of losses and refusals that are not 0."""
-    lost = {
-        name: n
-        for name, n in _counters(health).items()
-        if n and (name.rpartition(".")[2] in _UNWANTED or name.startswith("stuck."))
-    }
-    if not lost:
-        return Text("nothing lost", style="green")
-    return Text("lost: " + ", ".join(f"{name} {n}" for name, n in lost.items()), style="yellow")
-
-
-def _event_line(event: event_t) -> Text:
-    clock = time.strftime("%H:%M:%S", time.localtime(1e-9 * event.t_ns))
-    style = {event_t.DONE: "green", event_t.REFUSED: "red"}.get(event.kind, "")
-    return Text(f"{clock}  {event.source}: {event.text}", style=style)
-
-
-def _host_line(host: host_t) -> Text:
-    return Text("; ".join(f"{fact.name}: {fact.value}" for fact in host.fact), style="dim")
-
-
-def _health_parts(health: health_t, before: health_t | None) -> list[Any]:
-    parts: list[Any] = [_bus_table(health, before)]
-    if any(x.n for x in health.latency):
-        parts.append(_latency_table(health))
-    parts += [_sensor_line(health), _loss_line(health)]
-    if n_carried := _counters(health).get("motion.carried"):
-        parts.append(Text(f"{n_carried} rows in tracker gaps, position carried by attitude and IMU", style="yellow"))
-    if health.frozen:
-        parts.append(Text("frozen: nothing is learnt", style="cyan"))
-    return parts
-
-
-def _view(latest: Latest, url: str) -> Group:
-    parts: list[Any] = []
-    if latest.estimate is None:
-        parts.append(Text(f"waiting for an estimate on {url}", style="dim"))
-    else:
-        parts += [_estimate_table(latest.estimate), _summary(latest.estimate)]
-    if latest.health is not None:
-        parts += _health_parts(latest.health, latest.before)
-    if latest.host is not None:
-        parts.append(_host_line(latest.host))
-    parts += [_event_line(event) for event in latest.events]
-    if latest.silence > SILENT_AFTER:
-        parts.append(Text(f"no message for {latest.silence:.0f} s", style="yellow"))
-    return Group(*parts)
-
-
-def watch(url: str, prefix: str, seconds: float | None) -> None:
-    """Show the estimate until interrupted, for some seconds, or to the end of a log. InputError: see connect()."""
-    bus = connect(url)
+    InputError: see connect().
+    """
     latest = Latest()
-    bus.subscribe(f"{prefix}ESTIMATE", latest.on_estimate)
-    bus.subscribe(f"{prefix}HEALTH", latest.on_health)
-    bus.subscribe(f"{prefix}EVENT", latest.on_event)
-    bus.subscribe(f"{prefix}HOST", latest.on_host)
-    end = None if seconds is None else time.monotonic() + seconds
-    with Live(_view(latest, url), console=Console(), refresh_per_second=10, transient=False) as live:
-        while end is None or time.monotonic() < end:
-            try:
-                bus.handle_timeout(100)
-            except OSError:  # a log file has come to its end
-                break
-            live.update(_view(latest, url))
+    end = math.inf if seconds is None else time.monotonic() + seconds
+
+    def take(channel: str, data: bytes) -> None:
+        message = latest.take(channel, data)
+        if as_json and message is not None:
+            print(json_line(channel, message), flush=True)
+
+    def is_time() -> bool:
+        return time.monotonic() < end
+
+    link, console = _Link(url, prefix, take), Console()
+    if console.is_terminal and not as_json:
+        _shown(latest, link, url, console, is_time)
+        console.print(screen(latest, url, 0, console.size.height))
+    else:
+        while is_time() and link.is_open_after(POLL):
+            pass
+        if not as_json:
+            console.print(whole(latest, url))
+    return latest.is_heard

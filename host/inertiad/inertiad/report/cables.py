@@ -17,7 +17,8 @@ from inertiad.base.body import Body
 from inertiad.base.table import Array
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate
-from inertiad.robot import systematic
+from inertiad.model import window_residual
+from inertiad.model.window_residual import Residual, wrench_matrices
 from inertiad.robot.configuration import platform_size, prior
 from inertiad.run.reader import Recording
 
@@ -52,35 +53,10 @@ class ForceCheck:
         return int(np.argmax(self.rms)) if self.broken is None else self.broken
 
 
-@dataclass(frozen=True)
-class Residual:
-    """Residuals of one run under an estimate."""
-
-    t: Array
-    """s since the first window [M]"""
-    wrench: Array
-    """N, N m [M, 6], P axes about the IMU"""
-    tension: Array
-    """N [M, m]"""
-
-
 def residual(config: Any, estimate: Estimate, run: Recording) -> Residual:
     """Of one run's windows, with the calibration that was estimated along."""
-    rows, m = run.rows, run.robot.n_cables
-    if estimate.xi is not None:
-        delays = (systematic.group(name, m).first for name in ("position_delay", "force_delay"))
-        rows = inertiad_core.undelayed(rows, *(estimate.xi[i] for i in delays))
-        config = inertiad_core.calibrated(config, estimate.xi)
-    windows = inertiad_core.Windows(config, rows)
-    e = windows.y - windows.Y @ inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
-    W = _wrench_matrices(windows, m)
-    return Residual(windows.t, e, np.einsum("kij,kj->ki", np.linalg.pinv(W), e))
-
-
-def _wrench_matrices(windows: Any, n_cables: int) -> Array:
-    """W [M, 6, m] about the IMU: an offset of a force sensor is a force too much."""
-    X = windows.X(np.zeros(10))
-    return np.asarray(-X[:, :, systematic.group("force_offset", n_cables).part])
+    theta = inertiad_core.shift(estimate.theta, -np.array(run.robot.imu.position))
+    return window_residual.residual(config, run.rows, theta, estimate.xi, run.robot.n_cables)
 
 
 @dataclass(frozen=True)
@@ -120,7 +96,7 @@ def _equations(model: Model, noise: Array, theta: Array, recordings: list[Record
         X = windows.X(theta)[:, :, : n_x - 10]
         H.append(np.concatenate([windows.Y, -X], axis=2) / noise[:, None])
         y.append(windows.y / noise)
-        W.append(_wrench_matrices(windows, m) / noise[:, None])
+        W.append(wrench_matrices(windows, m) / noise[:, None])
         t.append(elapsed + windows.t)
         elapsed += run.duration
     mean = np.zeros(n_x)

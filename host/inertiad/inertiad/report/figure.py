@@ -12,6 +12,8 @@ import numpy as np
 
 from inertiad.base.table import Array
 
+Where = Literal["near", "far", "both"]
+"""the views that show a mark: the platform, the whole robot"""
 Role = Literal["estimate", "truth", "nominal", "good", "care", "bad", "muted", "ink"]
 Color = Role | int
 """a role, or the number of a series"""
@@ -139,8 +141,8 @@ class Path3:
     name: str
     color: Color
     width: float = 3.0
-    is_far: bool = False
-    """shown only where the whole robot is"""
+    where: Where = "both"
+    in_legend: bool = True
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,8 @@ class Mesh3:
     name: str
     color: Color
     opacity: float
+    where: Where = "both"
+    in_legend: bool = True
 
 
 @dataclass(frozen=True)
@@ -163,6 +167,8 @@ class Dots3:
     name: str
     color: Color
     size: float = 4.0
+    where: Where = "both"
+    in_legend: bool = True
 
 
 @dataclass(frozen=True)
@@ -173,6 +179,16 @@ class View:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     is_far: bool = False
+
+    def shows(self, mark: "Path3 | Mesh3 | Dots3") -> bool:
+        """True if the mark belongs to this view."""
+        return mark.where == "both" or (mark.where == "far") == self.is_far
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Edges of the box, m: a picture with these proportions is true to scale."""
+        x, y, z = (b - a for a, b in zip(self.low, self.high, strict=True))
+        return x, y, z
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ MENU: Final[dict[str, Any]] = {
     "y": 1.06,
     "xanchor": "left",
 }
+IN_SIGHT: Final = 0.88
+"""size of a view's box in plotly's scene, where the camera sees all of it"""
 UNSIGNED: Final = [[0.0, "@ground"], [1.0, "#1f5fa8"]]
 
 
@@ -210,39 +212,45 @@ def _of_space(mark: Path3 | Mesh3 | Dots3) -> dict[str, Any]:
                 **_xyz(mark.points),
                 "line": line,
                 "name": mark.name,
-                "showlegend": bool(mark.name),
+                "showlegend": bool(mark.name) and mark.in_legend,
             }
         case Mesh3():
             i, j, k = (mark.triangles[:, n].tolist() for n in range(3))
-            looks = {"color": _color(mark.color), "opacity": mark.opacity, "showlegend": bool(mark.name)}
+            looks = {
+                "color": _color(mark.color),
+                "opacity": mark.opacity,
+                "showlegend": bool(mark.name) and mark.in_legend,
+            }
             return {"type": "mesh3d", **_xyz(mark.points), "i": i, "j": j, "k": k, "name": mark.name, **looks}
     marker = {"color": _color(mark.color), "size": mark.size}
     dots = {"type": "scatter3d", "mode": "markers+text", **_xyz(mark.points), "text": mark.labels, "marker": marker}
-    return dots | {"name": mark.name, "textfont": {"size": 10, "color": "@ink"}}
+    return dots | {"name": mark.name, "showlegend": mark.in_legend, "textfont": {"size": 11, "color": "@ink"}}
+
+
+def _aspect(view: View) -> dict[str, float]:
+    """Proportions of a view's box: true to scale, and of a size at which the camera sees it whole."""
+    mean = float(np.prod(view.size)) ** (1.0 / 3.0)
+    return {axis: IN_SIGHT * edge / mean for axis, edge in zip("xyz", view.size, strict=True)}
 
 
 def _button(view: View, shown: list[bool]) -> dict[str, Any]:
-    ranges = {f"scene.{axis}axis.range": [view.low[i], view.high[i]] for i, axis in enumerate("xyz")}
-    return {"label": view.name, "method": "update", "args": [{"visible": shown}, ranges]}
-
-
-def _shown(scene: Scene, view: View) -> list[bool]:
-    """The marks that a view shows."""
-    return [view.is_far or not (isinstance(mark, Path3) and mark.is_far) for mark in scene.marks]
+    layout: dict[str, Any] = {f"scene.{axis}axis.range": [view.low[i], view.high[i]] for i, axis in enumerate("xyz")}
+    layout |= {"scene.aspectmode": "manual", "scene.aspectratio": _aspect(view)}
+    return {"label": view.name, "method": "update", "args": [{"visible": shown}, layout]}
 
 
 def _of_scene(scene: Scene) -> dict[str, Any]:
+    first = scene.views[0]
     axes = {
-        f"{axis}axis": {"range": [scene.views[0].low[i], scene.views[0].high[i]], "title": {"text": f"{axis}, m"}}
+        f"{axis}axis": {"range": [first.low[i], first.high[i]], "title": {"text": f"{axis}, m"}}
         for i, axis in enumerate("xyz")
     }
-    buttons = [_button(view, _shown(scene, view)) for view in scene.views]
+    buttons = [_button(view, [view.shows(mark) for mark in scene.marks]) for view in scene.views]
     eye = {"eye": {"x": 0.95, "y": -1.1, "z": 0.45}, "center": {"x": 0, "y": 0, "z": -0.08}}
-    first = _shown(scene, scene.views[0])
     return {
-        "data": [_of_space(mark) | {"visible": shown} for mark, shown in zip(scene.marks, first, strict=True)],
+        "data": [_of_space(mark) | {"visible": first.shows(mark)} for mark in scene.marks],
         "layout": {
-            "scene": {**axes, "aspectmode": "data", "camera": eye},
+            "scene": {**axes, "aspectmode": "manual", "aspectratio": _aspect(first), "camera": eye},
             "updatemenus": [MENU | {"buttons": buttons}],
             "showlegend": True,
         },

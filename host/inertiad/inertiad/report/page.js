@@ -91,6 +91,63 @@
   });
   if (!canTurn) document.querySelectorAll(".still").forEach((image) => image.classList.add("shown"));
 
+  // ---- numbers of a figure ---------------------------------------------------------------------------------------------
+  const cell = (value) => {
+    const text = value === null || value === undefined ? "" : String(value);
+    return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+  };
+
+  // Rows of what is drawn: panel, series, x, y, z and the half width of the error bar or text.
+  function rowsOf(drawing) {
+    const rows = [["panel", "series", "x", "y", "z", "half_width"]];
+    for (const trace of drawing.data) {
+      if (trace.hoverinfo === "skip" || trace.type === "mesh3d") continue;
+      const number = (trace.xaxis ?? "x").slice(1);
+      const title = drawing.grid?.titles[number ? Number(number) - 1 : 0] ?? "";
+      if (trace.type === "heatmap") {
+        trace.z.forEach((line, i) => line.forEach((z, j) => rows.push([title, trace.name, trace.x[j], trace.y[i], z, ""])));
+      } else {
+        trace.x.forEach((x, i) => rows.push([title, trace.name, x, trace.y[i], trace.z?.[i], trace.error_y?.array[i]]));
+      }
+    }
+    return rows;
+  }
+
+  const csvOf = (key) => rowsOf(drawings[key]).map((line) => line.map(cell).join(",")).join("\n") + "\n";
+
+  for (const button of document.querySelectorAll("button.csv")) {
+    button.title = "download the numbers that are drawn";
+    button.addEventListener("click", () => {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(new Blob([csvOf(button.dataset.key)], { type: "text/csv" }));
+      link.download = `${button.dataset.key}.csv`;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    });
+  }
+
+  // ---- sections ----------------------------------------------------------------------------------------------------------
+  const parts = [...document.querySelectorAll("details.part")];
+  if (window.matchMedia("(max-width: 600px)").matches) parts.slice(1).forEach((part) => { part.open = false; });
+  for (const part of parts) {
+    part.addEventListener("toggle", () => { if (part.open) boxes.filter((box) => part.contains(box)).forEach(draw); });
+  }
+
+  function openTarget() {
+    const part = document.getElementById(location.hash.slice(1))?.querySelector("details.part");
+    if (part) part.open = true;
+  }
+  window.addEventListener("hashchange", openTarget);
+  for (const link of document.querySelectorAll("nav a")) {
+    link.addEventListener("click", () => setTimeout(openTarget));  // also where the address stays the same
+  }
+
+  let closed = [];
+  function openAll() {
+    closed = [...document.querySelectorAll("details:not([open])")];
+    closed.forEach((part) => { part.open = true; });
+  }
+
   const drawAll = () => Promise.all(boxes.filter((box) => box.clientWidth > 0).map(draw));
   let width = window.innerWidth;
   let waiting = 0;
@@ -101,7 +158,11 @@
     waiting = setTimeout(drawAll, 150);
   });
   dark.addEventListener("change", drawAll);
-  window.addEventListener("beforeprint", () => { isPrinting = true; drawAll(); });
-  window.addEventListener("afterprint", () => { isPrinting = false; drawAll(); });
+  window.addEventListener("beforeprint", () => { isPrinting = true; openAll(); drawAll(); });
+  window.addEventListener("afterprint", () => {
+    isPrinting = false;
+    closed.forEach((part) => { part.open = false; });
+    drawAll();
+  });
   drawAll().then(() => { document.documentElement.dataset.drawn = String(boxes.length); });
 })();

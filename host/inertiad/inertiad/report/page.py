@@ -51,10 +51,11 @@ class Page:
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(cell)}</th>" for cell in table.head) if any(table.head) else ""
+    head = "".join(f'<th scope="col">{escape(cell)}</th>' for cell in table.head) if any(table.head) else ""
     rows = []
     for number, row in enumerate(table.rows):
-        cells = "".join(f"<td>{escape(cell)}</td>" for cell in row)
+        first = "".join(f'<th scope="row">{escape(cell)}</th>' for cell in row[:1])
+        cells = first + "".join(f"<td>{escape(cell)}</td>" for cell in row[1:])
         kind = "alert" if number in table.alert else "faint" if number in table.faint else "plain"
         rows.append(f'<tr class="{kind}">{cells}</tr>')
     columns = "numbers" if table.numbers else "words"
@@ -73,7 +74,8 @@ def _drawing(drawing: Drawing, is_titled: bool) -> str:
     return (
         f'<figure id="figure-{drawing.key}">{title}'
         f'<div class="drawing {kind}" data-key="{drawing.key}"></div>{still}'
-        f"<figcaption>{escape(drawing.caption)}</figcaption></figure>"
+        f'<figcaption>{escape(drawing.caption)} <button class="csv" data-key="{drawing.key}">CSV</button></figcaption>'
+        "</figure>"
     )
 
 
@@ -91,7 +93,8 @@ def _block(block: Block, section: str) -> str:
 
 def _section(section: Section) -> str:
     blocks = "".join(_block(block, section.title) for block in section.blocks)
-    return f'<section id="{section.key}"><h2>{escape(section.title)}</h2>{blocks}</section>'
+    title = f"<summary><h2>{escape(section.title)}</h2></summary>"
+    return f'<section id="{section.key}"><details class="part" open>{title}{blocks}</details></section>'
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -139,9 +142,12 @@ def render(page: Page) -> str:
 <link rel="icon" href="data:,">
 <title>{escape(page.title)}</title>
 <style>{(here / "page.css").read_text(encoding="utf-8")}</style></head>
-<body><header><h1>{escape(page.title)}</h1><p>{escape(page.subtitle)}</p></header>
+<body><header id="top"><h1>{escape(page.title)}</h1><p>{escape(page.subtitle)}</p></header>
 <nav><a href="#verdict">Verdict</a>{links}</nav>
+<noscript><p class="noscript">Figures are drawn by JavaScript, which is off here. As pictures:
+inertiactl report RUN --figures FOLDER</p></noscript>
 <main>{_verdict(page.verdict)}{tiles}{sections}</main>
+<a class="back" href="#top" aria-label="back to top">↑ top</a>
 <script id="palettes" type="application/json">{_script_json({"light": LIGHT, "dark": DARK})}</script>
 <script id="drawings" type="application/json">{_script_json(drawings)}</script>
 <script>{get_plotlyjs()}</script>

@@ -150,11 +150,11 @@ def _of_scene(scene: Scene) -> Canvas:
         axes = canvas.add_subplot(1, min(len(scene.views), 2), number + 1, projection="3d")
         low, high = np.array(view.low), np.array(view.high)
         for mark in scene.marks:
-            if view.is_far or not (isinstance(mark, Path3) and mark.is_far):
+            if view.shows(mark):
                 _space(axes, mark, low, high)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), title=view.name)
         axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-        axes.set_box_aspect(high - low)
+        axes.set_box_aspect(view.size)
         axes.view_init(elev=18, azim=-50)
     canvas.suptitle(scene.title, x=0.01, ha="left", fontsize=11)
     return canvas
@@ -172,6 +172,9 @@ def _space(axes: Any, mark: Path3 | Mesh3 | Dots3, low: Any, high: Any) -> None:
             inside = ((mark.points >= low) & (mark.points <= high)).all(axis=1)
             x, y, z = mark.points[inside].T
             axes.scatter(x, y, z, color=_color(mark.color), s=2.0 * mark.size, depthshade=False)
+            for place, label, is_shown in zip(mark.points, mark.labels, inside, strict=True):
+                if is_shown:
+                    axes.text(*place, f" {label}", fontsize=7)
 
 
 def _clipped(points: Any, low: Any, high: Any) -> Any:

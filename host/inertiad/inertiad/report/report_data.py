@@ -20,12 +20,14 @@ from inertiad.base.text_files import read_json
 from inertiad.identify import block_statistics, diagnose, findings, fit, identification
 from inertiad.identify.fisher_information import Model
 from inertiad.identify.fit import Estimate, Validation
+from inertiad.model.window_residual import Residual
 from inertiad.report import cables
-from inertiad.report.cables import ForceCheck, Residual
+from inertiad.report.cables import ForceCheck
 from inertiad.robot.configuration import prior
 from inertiad.robot.description import Robot
 from inertiad.robot.keys import Nominal
 from inertiad.run import reader
+from inertiad.run.platform_pose import platform_pose
 from inertiad.run.reader import Recording
 
 Progress = Callable[[str], None]
@@ -245,14 +247,13 @@ def _read(path: Path, name: str, robot_file: Path | None) -> Run:
 def _motion(config: Any, recording: Recording) -> Motion:
     rows, robot = recording.rows, recording.robot
     R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
-    turn = Rotation.from_quat(rows.q, scalar_first=True) * R_PI.inv()
+    P, turn = platform_pose(rows.q, rows.position, robot.imu.orientation, robot.tracker.target)
     omega = np.ascontiguousarray(R_PI.apply(rows.gyro))
     t_ns = np.rint(1e9 * rows.t).astype(np.int64)
     means = inertiad_core.averages(config, t_ns, np.ascontiguousarray(rows.acc), omega, np.zeros((len(omega), 6)))
     at = np.clip(np.searchsorted(rows.t, means["t"]), 0, len(rows.t) - 1)
-    position = rows.position[at] - turn[at].apply(robot.tracker.target)
     rpy = turn[at].as_euler("ZYX")[:, ::-1]
-    return Motion(means["t"] - rows.t[0], rpy, means["w"], means["alpha"], position, turn[at].as_matrix())
+    return Motion(means["t"] - rows.t[0], rpy, means["w"], means["alpha"], P[at], turn[at].as_matrix())
 
 
 # ---- all runs together -----------------------------------------------------------------------------------------------

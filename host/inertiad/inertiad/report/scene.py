@@ -1,35 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The platform in space: its cables, the centre of gravity, the ellipsoid of inertia; world axes, m.
 
-The ellipsoid is the uniform one with the identified mass and inertia: semi-axes a_i^2 = 5/(2 m) (J_j + J_k - J_i) along
-the principal axes. It shows the distribution of the mass, to scale with the platform.
+Shapes are those of model/solid.py. Both views are true to scale.
 """
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 import inertiad_core
 from inertiad.base.body import Body
 from inertiad.base.table import Array
+from inertiad.model import solid
 from inertiad.report.figure import Color, Dots3, Mesh3, Path3, Scene, View
 from inertiad.report.report_data import Facts
 from inertiad.robot.description import Robot
-from inertiad.robot.keys import inertia_matrix
 from inertiad.run import reader
 
 N_AROUND, N_UP = 28, 14
-FLAT = 0.999
-"""cosine between facets from which they are one"""
+LABEL_ROOM = 0.12
+"""of a set of points, its extent: closer ones share a label"""
 REACH = 1.5
 """of the close view, sizes of the platform"""
 GAP = np.full((1, 3), np.nan)
-
-
-def semi_axes(body: Body) -> tuple[Array, Array] | None:
-    """Semi-axes [3] m and principal axes [3, 3] (columns, P axes); None: no body has this inertia."""
-    J, axes = np.linalg.eigh(inertia_matrix(np.array(body.value[4:])))
-    square = 2.5 / body.value[0] * (J.sum() - 2.0 * J)
-    return (np.sqrt(square), axes) if body.value[0] > 0.0 and (square > 0.0).all() else None
 
 
 def _sphere() -> tuple[Array, Array]:
@@ -56,7 +47,7 @@ def _circles() -> Array:
 
 def _ellipsoid(body: Body, p: Array, R: Array, name: str, color: Color, is_solid: bool) -> list[Mesh3 | Path3]:
     """Its three principal circles and, if solid, its surface."""
-    found = semi_axes(body)
+    found = solid.semi_axes(body)
     if found is None:
         return []
     size, axes = found
@@ -72,25 +63,27 @@ def _ellipsoid(body: Body, p: Array, R: Array, name: str, color: Color, is_solid
 def platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
     """Attachments with their numbers, and their hull where it is a solid."""
     corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
-    labels = [str(i + 1) for i in range(len(corner))]
-    marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0)]
-    try:
-        hull = ConvexHull(corner)
-    except (QhullError, ValueError):
-        return marks  # flat or fewer than four points: no solid to draw
-    marks.append(Mesh3(corner, hull.simplices, "platform", "muted", 0.25))
-    return [*marks, Path3(edges(corner, hull), "", "muted", 2.0)]
+    labels = merged_labels(corner, LABEL_ROOM * float(np.ptp(corner, axis=0).max()))
+    marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0, "near", in_legend=False)]
+    shape = solid.hull(np.array([c.attachment for c in robot.cable]))
+    if shape is None:
+        return marks
+    marks.append(Mesh3(corner, np.array(shape.triangles), "platform", "muted", 0.25))
+    return [*marks, Path3(edges(corner, shape), "", "muted", 2.0)]
 
 
-def edges(corner: Array, hull: ConvexHull) -> Array:
-    """Edges between facets that are not one plane, NaN between them [N, 3]."""
-    pieces = []
-    for a, neighbours in enumerate(hull.neighbors):
-        for b in neighbours[neighbours > a]:
-            if hull.equations[a, :3] @ hull.equations[b, :3] < FLAT:
-                ends = np.intersect1d(hull.simplices[a], hull.simplices[b])
-                pieces += [corner[ends], GAP]
-    return np.concatenate(pieces)
+def edges(points: Array, shape: solid.Hull) -> Array:
+    """Edges of the hull of points, NaN between them [N, 3]."""
+    return np.concatenate([np.concatenate([points[edge], GAP]) for edge in shape.edges])
+
+
+def merged_labels(points: Array, room: float) -> list[str]:
+    """Numbers 1.. of points [N, 3]; points within `room` of an earlier one share its label."""
+    numbers: list[list[int]] = [[] for _ in points]
+    for i, point in enumerate(points):
+        first = next(k for k in range(i + 1) if k == i or (numbers[k] and np.linalg.norm(points[k] - point) < room))
+        numbers[first].append(i + 1)
+    return [", ".join(map(str, mine)) for mine in numbers]
 
 
 def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
@@ -106,15 +99,17 @@ def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
         if is_worst and check is not None:
             color = "care" if check.broken is None else "bad"
         rms = f", residual {check.rms[i]:.2g} N" if check is not None else ""
-        marks.append(Path3(np.array([corner[i], leave[i]]), f"cable {i + 1}{rms}", color, 6.0 if is_worst else 3.0))
-    marks.append(Dots3(leave, [f"winch {i + 1}" for i in range(robot.n_cables)], "winches", "ink", 3.0))
+        ends = np.array([corner[i], leave[i]])
+        marks.append(Path3(ends, f"cable {i + 1}{rms}", color, 6.0 if is_worst else 3.0, in_legend=is_worst))
+    labels = merged_labels(leave, LABEL_ROOM * float(np.ptp(leave, axis=0).max()))
+    marks.append(Dots3(leave, labels, "pulleys", "ink", 3.0, "far", in_legend=False))
     return marks
 
 
-def triad(p: Array, R: Array, length: float, name: str, color: Color = "ink") -> Path3:
+def triad(p: Array, R: Array, length: float, name: str, color: Color = "ink", in_legend: bool = True) -> Path3:
     """The three axes of a frame at p [3] whose columns are R [3, 3], m."""
-    ends = p + length * R.T
-    return Path3(np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in ends]), name, color, 4.0)
+    lines = np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in p + length * R.T])
+    return Path3(lines, name, color, 4.0, in_legend=in_legend)
 
 
 def _pose(facts: Facts) -> tuple[Array, Array]:
@@ -149,19 +144,20 @@ def scene(facts: Facts) -> Scene | None:
     marks: list[Path3 | Mesh3 | Dots3] = [
         *platform(robot, p, R),
         *_cables(facts, p, R),
-        triad(p, R, 0.5 * size, "axes of P"),
+        triad(p, R, 0.5 * size, "axes of P", in_legend=False),
     ]
     marks += _ellipsoid(body, p, R, "ellipsoid of inertia", "estimate", is_solid=True)
     marks.append(Dots3(cog[None], ["C"], f"CoG, ± {sigma} mm", "estimate", 7.0))
     other = facts.truth or facts.nominal
     if other is not None:
         name = "truth" if facts.truth is not None else "nominal"
-        marks += _ellipsoid(other, p, R, f"{name}: ellipsoid", "truth", is_solid=False)
-        marks.append(Dots3((p + R @ np.array(other.value[1:4]))[None], [""], f"{name}: CoG", "truth", 5.0))
+        marks += _ellipsoid(other, p, R, f"{name}", "truth", is_solid=False)
+        place = (p + R @ np.array(other.value[1:4]))[None]
+        marks.append(Dots3(place, [""], f"{name}: CoG", "truth", 5.0, in_legend=False))
     for number, motion in enumerate(facts.motions):
         which = f", run {number + 1}" if len(facts.motions) > 1 else ""
-        marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, is_far=True))
-    found = semi_axes(body)
+        marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, "far"))
+    found = solid.semi_axes(body)
     sizes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
     return Scene(
         "platform",

@@ -17,7 +17,7 @@ import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.base.finding import Finding, lines, ordered, verdict
 from inertiad.base.table import Array
-from inertiad.model import inverse_dynamics
+from inertiad.model import inverse_dynamics, solid
 from inertiad.model.inverse_dynamics import Mechanics
 from inertiad.model.trajectory import Motion
 from inertiad.report import page, provenance, scene
@@ -174,10 +174,9 @@ def _corners(low: Array, high: Array) -> Array:
 
 def _hull(points: Array) -> Array:
     """Edges of the hull of places, or their outline where they lie in one plane [N, 3]; nothing for a line."""
-    try:
-        return scene.edges(points, ConvexHull(points))
-    except (QhullError, ValueError):
-        pass
+    shape = solid.hull(points)
+    if shape is not None:
+        return scene.edges(points, shape)
     centred = points - points.mean(axis=0)
     axes = np.linalg.svd(centred)[2]
     try:
@@ -246,11 +245,11 @@ def _drawn(shown: Shown, edges: Array | None) -> Scene:
     ]
     frame = _hull(anchors)
     if len(frame):
-        marks.append(Path3(frame, "hull of the anchors", "muted", 2.0, is_far=True))
+        marks.append(Path3(frame, "hull of the anchors", "muted", 2.0, where="far"))
     if edges is not None:
-        marks.append(Path3(_corners(edges[:3], edges[3:]), "box where tensions hold it", "good", 3.0, is_far=True))
+        marks.append(Path3(_corners(edges[:3], edges[3:]), "box where tensions hold it", "good", 3.0, where="far"))
     if len(shown.path):
-        marks.append(Path3(shown.path[:: max(1, len(shown.path) // 2000)], "path of P", "estimate", 3.0, is_far=True))
+        marks.append(Path3(shown.path[:: max(1, len(shown.path) // 2000)], "path of P", "estimate", 3.0, where="far"))
     near, whole = scene.views(robot, p, size)
     low, high = np.minimum(whole.low, 0.0), np.maximum(whole.high, 0.0)
     whole = View(whole.name, tuple(low.tolist()), tuple(high.tolist()), is_far=True)

@@ -21,26 +21,16 @@ from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Robot
 from inertiad.run import encode
 from inertiad.run.encode import Frames
+from inertiad.run.frame_time import frame_time
 from inertiad.simulate.sensor_models import Faults
 
 Mask = NDArray[np.bool_]
 
 
-def frame_time(frames: Frames, bitrate: float, data_bitrate: float, stuffed: bool = False) -> float:
-    """s that one frame and the pause after it take, with none or the most stuff bits; FD frames switch to data_bitrate.
-
-    The stuff bits at fixed places in an FD frame's CRC are always there.
-    """
-    n = frames.data.shape[1]
+def time_of(frames: Frames, bitrate: float, data_bitrate: float, stuffed: bool = False) -> float:
+    """s that each of these frames takes, see frame_time()."""
     is_extended = bool(frames.can_id & dbc.EXTENDED_ID)
-    if frames.is_fd:
-        arbitration, data = (36 if is_extended else 17), 5 + 8 * n
-        check = 4 + (21 + 7 if n > 16 else 17 + 6) + 1
-        dynamic = (arbitration - 1) // 4, (data + 4) // 4
-        more = dynamic if stuffed else (0, 0)
-        return (arbitration + more[0] + 12) / bitrate + (data + more[1] + check) / data_bitrate
-    bits = (54 if is_extended else 34) + 8 * n
-    return (bits + 13 + ((bits - 1) // 4 if stuffed else 0)) / bitrate
+    return frame_time(frames.data.shape[1], is_extended, frames.is_fd, bitrate, data_bitrate, stuffed)
 
 
 def priority(can_id: int) -> int:
@@ -66,13 +56,13 @@ def _sensors(bindings: list[Binding]) -> dict[tuple[int, int], set[str]]:
 def _through(robot: Robot, level: Faults, t: Array, frames: list[Frames], node: list[str], dice: Dice) -> list[Array]:
     """s, when each frame [N] of one bus has got through."""
     rates = _rates(robot, frames[0].bus)
-    load = sum(frame_time(f, *rates, stuffed=True) for f in frames) * (len(t) - 1) / (t[-1] - t[0])
+    load = sum(time_of(f, *rates, stuffed=True) for f in frames) * (len(t) - 1) / (t[-1] - t[0])
     if load > 1.0:
         raise InputError(f"bus {frames[0].bus}: {100 * load:.0f} % load at this --rate: allowed: up to 100 %")
     ready = {n: t + level.release_jitter * dice[f"release_{n}"].random(len(t)) for n in sorted(set(node))}
     release = np.column_stack([ready[n] for n in node])
     first = [priority(f.can_id) for f in frames] * len(t)
-    took = [frame_time(f, *rates) for f in frames] * len(t)
+    took = [time_of(f, *rates) for f in frames] * len(t)
     end = inertiad_core.arbitrate(release.ravel().tolist(), first, took)
     return list(np.asarray(end).reshape(release.shape).T)
 
