@@ -3,6 +3,7 @@
 #ifndef IPE_OPTIONS_H
 #define IPE_OPTIONS_H
 
+#include "inbox.h"
 #include "types.h"
 
 enum { REASON_SIZE = 512 };  ///< bytes of one line of an error message
@@ -14,6 +15,7 @@ typedef struct {
     const char* lcm_prefix;
     const char* record;
     const char* checkpoint;
+    ipe_inbox_origin_t commands;  ///< from whom COMMAND is taken
     int priority;    ///< 0: not real time
     int cpu;         ///< -1: any
     double collect;  ///< s

@@ -2,9 +2,12 @@
 #define _GNU_SOURCE  // sem_clockwait
 #include "record.h"
 
+#include "lock.h"
+
 #include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -17,6 +20,7 @@ static const uint32_t SYNC = 0xEDA1DA01U;
 static const int64_t NS_PER_S = 1000000000;
 static const int64_t PERIOD_NS = 100000000;  // between two looks at the queue
 static const int64_t SYNC_NS = 500000000;    // between two syncs
+static const int64_t CLOSE_NS = 2000000000;  // for which close waits for the reader of a pipe
 
 static_assert((IPE_RECORD_QUEUE & (IPE_RECORD_QUEUE - 1)) == 0, "positions wrap with a mask");
 
@@ -84,11 +88,17 @@ static bool has_room(const ipe_record_t* r, uint64_t head, size_t n)
     return head + n - atomic_load_explicit(&r->tail, memory_order_acquire) <= IPE_RECORD_QUEUE;
 }
 
-/// The writer always empties the queue, if need be by giving messages up, so this ends.
+static bool is_stopped(const ipe_record_t* r)
+{
+    struct pollfd stop = {.fd = r->option.stop_fd, .events = POLLIN};
+    return r->option.stop_fd > 0 && poll(&stop, 1, 0) > 0;
+}
+
+/// Until the writer has emptied the queue, or the process is to stop.
 static void wait_for_room(ipe_record_t* r, uint64_t head, size_t n)
 {
     const struct timespec pause = {.tv_nsec = 200000};
-    while (!has_room(r, head, n)) {
+    while (!has_room(r, head, n) && !is_stopped(r)) {
         (void)sem_post(&r->wake);
         (void)nanosleep(&pause, NULL);
     }
@@ -124,11 +134,23 @@ static void note_error(ipe_record_t* r)
     atomic_fetch_add(&r->n_errors, 1);
 }
 
-static bool write_all(int fd, struct iovec piece[2], int n_pieces)
+/// Wait for the reader of a pipe. False with errno set: it takes too long to end.
+static bool wait_for_reader(ipe_record_t* r)
+{
+    const int64_t now_ns = monotonic_ns();
+    struct pollfd pipe = {.fd = r->fd, .events = POLLOUT};
+    if (atomic_load(&r->is_closing) && r->give_up_ns == 0) { r->give_up_ns = now_ns + CLOSE_NS; }
+    errno = ETIMEDOUT;
+    if (r->give_up_ns != 0 && now_ns >= r->give_up_ns) { return false; }
+    (void)poll(&pipe, 1, (int)(PERIOD_NS / 1000000));
+    return true;
+}
+
+static bool write_all(ipe_record_t* r, struct iovec piece[2], int n_pieces)
 {
     while (n_pieces > 0) {
-        const ssize_t n = writev(fd, piece, n_pieces);
-        if (n < 0 && errno == EINTR) { continue; }
+        const ssize_t n = writev(r->fd, piece, n_pieces);
+        if (n < 0 && (errno == EINTR || (errno == EAGAIN && wait_for_reader(r)))) { continue; }
         if (n < 0) { return false; }
         size_t done = (size_t)n;
         while (n_pieces > 0 && done >= piece->iov_len) {
@@ -143,7 +165,7 @@ static bool write_all(int fd, struct iovec piece[2], int n_pieces)
 /// Append the pieces as a whole or not at all.
 static bool append(ipe_record_t* r, struct iovec piece[2], int n_pieces, size_t n)
 {
-    if (write_all(r->fd, piece, n_pieces)) {
+    if (write_all(r, piece, n_pieces)) {
         r->file_bytes += n;
         r->is_unsynced = true;
         atomic_fetch_add(&r->n_bytes, n);
@@ -190,12 +212,27 @@ static bool move_aside(ipe_record_t* r)
     return false;
 }
 
-/// -1 with errno set. Does not wait for the other end of a pipe.
+/// Emptied only once it is locked. -1 with errno set. Never waits for the other end of a pipe, nor do writes to it.
 static int open_file(const char* path)
 {
-    const int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NONBLOCK, 0644);
-    if (fd >= 0) { (void)fcntl(fd, F_SETFL, 0); }
-    return fd;
+    struct stat info;
+    const int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0644);
+    if (fd < 0 || fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) { return fd; }
+    if (ipe_lock_descriptor(fd) == 0 && ftruncate(fd, 0) == 0) { return fd; }
+    const int cause = errno;
+    (void)close(fd);
+    errno = cause;
+    return -1;
+}
+
+/// True if another process holds the record at path.
+static bool is_in_use(const char* path)
+{
+    const int fd = open(path, O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) { return false; }
+    const bool is_held = ipe_lock_descriptor(fd) != 0 && errno == EWOULDBLOCK;
+    (void)close(fd);
+    return is_held;
 }
 
 /// Begin the next file; where that fails the old one goes on.
@@ -305,7 +342,10 @@ static void* run(void* argument)
 
 static int fail(const ipe_record_t* r, const char* what, int cause, char* message, size_t size)
 {
-    (void)snprintf(message, size, "%s: %s: %s", r->option.path, what, strerror(cause));
+    const char* reason = cause == EWOULDBLOCK ? "another inertiad writes it; name another file"
+                         : cause == ENXIO     ? "a pipe that nobody reads"
+                                              : strerror(cause);
+    (void)snprintf(message, size, "%s: %s: %s", r->option.path, what, reason);
     return -1;
 }
 
@@ -322,7 +362,9 @@ int ipe_record_open(ipe_record_t* r, const ipe_record_options_t* options, char* 
     r->n_config = options->n_config_bytes;
     if (strlen(options->path) >= PATH_MAX) { return fail(r, "cannot write", ENAMETOOLONG, message, size); }
     const bool is_there = stat(options->path, &info) == 0;
-    if (is_there && S_ISREG(info.st_mode) && info.st_size > 0 && !move_aside(r)) {
+    const bool is_file = is_there && S_ISREG(info.st_mode);
+    if (is_file && is_in_use(options->path)) { return fail(r, "cannot write", EWOULDBLOCK, message, size); }
+    if (is_file && info.st_size > 0 && !move_aside(r)) {
         return fail(r, "cannot move the earlier record aside", errno, message, size);
     }
     r->fd = open_file(options->path);

@@ -8,6 +8,7 @@
 #include <nanobind/stl/unique_ptr.h>
 
 #include <algorithm>
+#include <poll.h>
 
 extern "C" {
 #include "align.h"
@@ -45,6 +46,8 @@ void play(ipe_replay_t& replay, OwnedPipeline& pipeline)
         const ipe_replay_status_t status = ipe_replay_next(&replay, &item);
         if (status == IPE_REPLAY_END) { break; }
         if (status == IPE_REPLAY_WAIT) {
+            pollfd input{item.fd, POLLIN, 0};
+            (void)poll(&input, 1, -1);
             ipe_replay_fill(&replay);
             continue;
         }
@@ -77,7 +80,7 @@ std::unique_ptr<OwnedPipeline> read_run(const inertiad::Config& config, const st
     }
     if (!tracker.empty()) {
         char message[256] = "";
-        if (ipe_source_tracker_file_open(&replay.state->tracker, tracker.c_str(), message, sizeof message) != 0) {
+        if (ipe_source_tracker_file_open(&replay.state->tracker, tracker.c_str(), -1, message, sizeof message) != 0) {
             throw std::invalid_argument(message);
         }
         replay.state->has_tracker = true;
