@@ -2,6 +2,7 @@
 #define _GNU_SOURCE  // sem_clockwait
 #include "record.h"
 
+#include "crc.h"
 #include "lock.h"
 
 #include <assert.h>
@@ -15,7 +16,13 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { BATCH_MAX = 1 << 20, FILES_MAX = 1000000 };
+static const char CHECK_CHANNEL[] = IPE_RECORD_CHECK_CHANNEL;
+enum {
+    BATCH_MAX = 1 << 18,
+    CHECK_EACH = 1 << 18,  // bytes
+    CHECK_BYTES = IPE_RECORD_HEADER + sizeof CHECK_CHANNEL - 1 + IPE_RECORD_CHECK,
+    FILES_MAX = 1000000
+};
 static const uint32_t SYNC = 0xEDA1DA01U;
 static const int64_t NS_PER_S = 1000000000;
 static const int64_t PERIOD_NS = 100000000;  // between two looks at the queue
@@ -165,7 +172,10 @@ static bool write_all(ipe_record_t* r, struct iovec piece[2], int n_pieces)
 /// Append the pieces as a whole or not at all.
 static bool append(ipe_record_t* r, struct iovec piece[2], int n_pieces, size_t n)
 {
+    uint32_t crc = r->crc;
+    for (int i = 0; i < n_pieces; ++i) { crc = ipe_crc_extend(crc, piece[i].iov_base, piece[i].iov_len); }
     if (write_all(r, piece, n_pieces)) {
+        r->crc = crc;
         r->file_bytes += n;
         r->is_unsynced = true;
         atomic_fetch_add(&r->n_bytes, n);
@@ -176,9 +186,29 @@ static bool append(ipe_record_t* r, struct iovec piece[2], int n_pieces, size_t 
     return false;
 }
 
+/// Numbered and stamped like the message before it.
+static void append_check(ipe_record_t* r)
+{
+    uint8_t message[IPE_RECORD_HEADER + sizeof CHECK_CHANNEL + IPE_RECORD_CHECK];
+    const size_t n_channel = strlen(CHECK_CHANNEL);
+    uint8_t* at = message + IPE_RECORD_HEADER + n_channel;
+    if (r->file_bytes == r->checked_bytes) { return; }
+    put_header(message, r->last_number, r->last_us, n_channel, IPE_RECORD_CHECK);
+    memcpy(message + IPE_RECORD_HEADER, CHECK_CHANNEL, n_channel);
+    put(at, r->last_number, 8);
+    put(at + 8, (uint64_t)r->last_us, 8);
+    put(at + 16, r->checked_bytes, 8);
+    put(at + 24, r->crc, 4);
+    struct iovec piece[2] = {{message, CHECK_BYTES}, {NULL, 0}};
+    if (!append(r, piece, 1, CHECK_BYTES)) { return; }
+    r->checked_bytes = r->file_bytes;
+    r->crc = 0;
+}
+
 static void sync_file(ipe_record_t* r)
 {
     r->synced_ns = monotonic_ns();
+    append_check(r);
     if (!r->is_unsynced) { return; }
     r->is_unsynced = false;
     if (fdatasync(r->fd) != 0 && errno != EINVAL && errno != EROFS) { note_error(r); }  // EINVAL: a pipe, a device
@@ -194,7 +224,7 @@ static bool begin_file(ipe_record_t* r, int64_t t_us)
     put_header(start, r->last_number, t_us, n_channel, r->n_config);
     memcpy(start + IPE_RECORD_HEADER, o->config_channel, n_channel);
     struct iovec piece[2] = {{start, n_start}, {r->config, r->n_config}};
-    r->file_begin_us = t_us;
+    r->file_begin_us = r->last_us = t_us;
     r->has_begun = append(r, piece, 2, n_start + r->n_config);
     return r->has_begun;
 }
@@ -247,7 +277,8 @@ static void rotate(ipe_record_t* r)
     }
     (void)close(r->fd);
     r->fd = fd;
-    r->file_bytes = 0;
+    r->file_bytes = r->checked_bytes = 0;
+    r->crc = 0;
 }
 
 /// Whole messages from tail on that go into the file at hand.
@@ -256,6 +287,7 @@ typedef struct {
     uint64_t n_messages;
     int64_t t_us;          ///< of the first
     uint64_t last_number;  ///< of the last
+    int64_t last_us;       ///< its time
     size_t n_config;       ///< a new configuration of so many bytes, alone, at the end of the batch; 0: none
 } batch_t;
 
@@ -264,7 +296,7 @@ static bool is_past_file(const ipe_record_t* r, uint64_t end, int64_t t_us)
 {
     const ipe_record_options_t* o = &r->option;
     if (!r->has_begun) { return false; }
-    return (o->rotate_bytes > 0 && end > o->rotate_bytes) ||
+    return (o->rotate_bytes > 0 && end + CHECK_BYTES > o->rotate_bytes) ||
            (o->rotate_us > 0 && (t_us - r->file_begin_us >= o->rotate_us || t_us < r->file_begin_us - o->rotate_us));
 }
 
@@ -293,6 +325,7 @@ static batch_t next_batch(ipe_record_t* r, uint64_t tail, uint64_t head)
         b.n_config = config_length(r, tail + b.n_bytes, header);
         if (b.n_messages == 0) { b.t_us = t_us; }
         b.last_number = get(header + 4, 8);
+        b.last_us = t_us;
         b.n_bytes += n;
         b.n_messages++;
         if (!r->has_begun || b.n_config > 0) { return b; }  // the configuration comes before what follows
@@ -309,7 +342,11 @@ static void drain(ipe_record_t* r)
         const batch_t b = next_batch(r, tail, head);
         const int n_pieces = pieces(r, tail, b.n_bytes, piece);
         const bool good = (r->has_begun || begin_file(r, b.t_us)) && append(r, piece, n_pieces, b.n_bytes);
-        if (good) { r->last_number = b.last_number; }
+        if (good) {
+            r->last_number = b.last_number;
+            r->last_us = b.last_us;
+        }
+        if (r->file_bytes - r->checked_bytes >= CHECK_EACH) { append_check(r); }
         atomic_fetch_add(good ? &r->n_messages : &r->n_unwritten, b.n_messages);
         tail += b.n_bytes;
         if (b.n_config > 0) {

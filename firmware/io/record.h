@@ -5,6 +5,9 @@
 /// channel, data; lcm-logplayer and lcm's EventLog read it. The number counts every message pushed, so a step of more
 /// than one is a loss. The time is the message's data time. Each file begins with the configuration; a message on its
 /// channel is the configuration from there on.
+/// Every 256 KB and half second, and at the end, a message on IPE_RECORD_CHECK_CHANNEL follows: its own number u64 and time
+/// u64, the place u64 in the file of the first byte that it covers, and the CRC-32 u32 (IEEE 802.3) of the bytes from there
+/// to itself. `inertiactl` finds damage by it; for other tools it is one more channel.
 /// Written messages are on the disk half a second later (fdatasync), and a failed write is cut back to the last whole
 /// message, so after a power cut or on a full disk only the end is missing.
 /// A file that is there already is not overwritten but moved to PATH.1, PATH.2, ...; so is one that is full (rotation).
@@ -28,7 +31,10 @@ enum {
     IPE_RECORD_MESSAGE_MAX = 1 << 18,  ///< bytes of one message with its channel
     IPE_RECORD_HEADER = 28,            ///< bytes before the channel
     IPE_RECORD_NAME_MAX = 64,
+    IPE_RECORD_CHECK = 28,             ///< bytes of the message on the check channel
 };
+
+#define IPE_RECORD_CHECK_CHANNEL "INERTIAD_CHECK"
 
 typedef struct {
     const char* path;             ///< kept by pointer
@@ -56,6 +62,9 @@ typedef struct ipe_record {
     bool is_unsynced;
     uint64_t last_number;          ///< of the last message written
     uint64_t file_bytes;
+    uint64_t checked_bytes;        ///< of them, before the first one that no check covers yet
+    uint32_t crc;                  ///< of the rest, as ipe_crc_extend() takes it
+    int64_t last_us;               ///< time of the last message written
     int64_t file_begin_us;         ///< time of its first message
     int64_t synced_ns;             ///< CLOCK_MONOTONIC
     unsigned n_files;              ///< number last given to a file moved aside

@@ -42,7 +42,7 @@ class Recording:
     """rows lost or refused, all causes"""
     counters: dict[str, int]
     notes: tuple[str, ...] = ()
-    """the derived quantities, as text"""
+    """the derived quantities, and damage of the files, as text"""
 
     @property
     def duration(self) -> float:
@@ -104,10 +104,10 @@ def without_positions(folder: Path, robot: Robot) -> Recording:
     return _read_folder(folder, robot.model_copy(update={"position": still}))
 
 
-def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
+def _published(log: Path, remarks: list[str]) -> tuple[list[signals_t], list[health_t]]:
     """SIGNALS and HEALTH of the daemon in an LCM log, whatever its channel prefix. InputError: of several daemons."""
     found: dict[str, list[Event]] = {}
-    for event in lcmlog.read(log):
+    for event in lcmlog.read(log, remarks):
         if event.channel.endswith(("SIGNALS", "HEALTH")):
             found.setdefault(event.channel, []).append(event)
     prefixes = [channel.removesuffix("SIGNALS") for channel in found if channel.endswith("SIGNALS")]
@@ -122,7 +122,8 @@ def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
 
 def _read_lcm(log: Path, robot: Robot) -> Recording:
     """A daemon's LCM log: its aligned rows, its counters."""
-    signals, health = _published(log)
+    remarks: list[str] = []
+    signals, health = _published(log, remarks)
     published = [row for message in signals for row in message.row]
     if any(row.n_cables != robot.n_cables for row in published):
         raise InputError(
@@ -135,7 +136,8 @@ def _read_lcm(log: Path, robot: Robot) -> Recording:
     counters = {c.name: c.value for c in health[-1].counter} if health else {}
     t_ns = np.array([row.t_ns for row in published], dtype=np.int64)
     rows, n_frames = inertiad_core.Rows(t_ns, acc, gyro, q, position, f), counters.get("decode.frames", 0)
-    return Recording(log, robot, rows, n_frames, n_rejected(counters), counters)
+    damage = tuple(remark.removeprefix(f"{log}: ") for remark in remarks)
+    return Recording(log, robot, rows, n_frames, n_rejected(counters), counters, damage)
 
 
 def _positions(signals: Table, file: Path, robot: Robot) -> Table:
