@@ -26,6 +26,7 @@ enum {
     DISCARD_PORT = 9,                              // nothing is sent there
     FILTER_MAX = 4 * (IPE_INBOX_NAME_MAX + 1) + 2  // instructions
 };
+#define IS_LINK_LOCAL(address) (((address) & 0xFFFFFF00U) == INADDR_UNSPEC_GROUP)  // 224.0.0.0/24
 static const char SCHEME[] = "udpm://", MAGIC[] = "LC02";
 static const char DEFAULT_ADDRESS[] = "239.255.76.67";
 static const uint16_t DEFAULT_PORT = 7667;
@@ -130,6 +131,7 @@ int ipe_inbox_open(ipe_inbox_t* b, const ipe_inbox_options_t* o, char* message, 
     memcpy(b->command, o->command, strlen(o->command) + 1);
     if (strncmp(o->url, SCHEME, strlen(SCHEME)) != 0) { return 0; }
     if (!read_address(o->url + strlen(SCHEME), &address)) { return fail(o->url, EINVAL, message, size); }
+    b->is_link_local = IS_LINK_LOCAL(ntohl(address.sin_addr.s_addr));
     if (open_sockets(b, &address) == 0) { return 0; }
     const int cause = errno;
     ipe_inbox_close(b);
@@ -165,7 +167,8 @@ static bool is_from_host(ipe_inbox_t* b, const struct sockaddr_in* from)
     if (ntohl(address) >> IN_CLASSA_NSHIFT == IN_LOOPBACKNET) { return true; }
     const int64_t now_ns = monotonic_ns();
     if (address == b->own_address && now_ns - b->own_ns < OWN_NS) { return true; }
-    if (address == INADDR_ANY || !is_own_address(b, from)) { return false; }
+    if (address == INADDR_ANY) { return !b->is_link_local; }
+    if (!is_own_address(b, from)) { return false; }
     b->own_address = address;
     b->own_ns = now_ns;
     return true;

@@ -6,8 +6,8 @@
 /// one datagram is handled at a time. Messages that LCM would split (over 64 KB) are ignored.
 ///
 /// Each channel has an origin from which it is taken: nobody, this host, the network. A datagram is from this host if its
-/// source address is one of the host's own; the kernel drops datagrams that come from outside with such an address
-/// (fib_validate_source). TRACKER is bound to its first publisher, an address and port, until that has been silent for
+/// source address is one of the host's own, or none, as on a host that has the loopback only; the kernel drops datagrams that
+/// come from outside with such a source (fib_validate_source, ip_mc_validate_source). TRACKER is bound to its first publisher, an address and port, until that has been silent for
 /// 1 s: positions of two publishers never mix. All that is refused is counted.
 /// 66 KB of state, caller-allocated, no heap, one thread; one system call per message, with ORIGIN_HOST three more once a
 /// second.
@@ -18,6 +18,7 @@
 #include "command.h"
 
 #include <netinet/in.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -56,6 +57,7 @@ typedef struct {
     int probe_fd;
     char tracker[IPE_INBOX_NAME_MAX], command[IPE_INBOX_NAME_MAX];
     ipe_inbox_origin_t tracker_from, command_from;
+    bool is_link_local;                      ///< group: only there the kernel lets datagrams without a source in
     struct sockaddr_in publisher;            ///< of TRACKER; family 0: not bound
     int64_t publisher_ns;                    ///< CLOCK_MONOTONIC of its last message
     struct sockaddr_in other, foreign;       ///< the last refused publisher; the last refused sender from elsewhere

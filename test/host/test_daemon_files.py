@@ -146,7 +146,8 @@ def test_an_output_pipe_that_nobody_reads_leaves_the_daemon_its_ears(run, tmp_pa
     text = (run / "can.log").read_text()
     (run / "can.log").write_text(text * 20 if output == "--record" else text)
     os.write(reader, b"x" * 65536) if output != "--record" else None
-    command = on_files(run, *more) if output != "stderr" else daemon(run, "--bus", "file:-")
+    waiting = daemon(run, "--bus", "file:-", "--tracker", f"file:{run}/tracker.csv")
+    command = on_files(run, *more) if output != "stderr" else waiting
     error = reader if output == "stderr" else subprocess.DEVNULL
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=error) as process:
         try:

@@ -147,7 +147,7 @@ for k in range(30):
     n = end["counters"]
     assert n["lcm.tracker_other_publisher"] >= 30 and n["lcm.tracker_positions"] >= 45  # silent for 1 s: 10 of them
     assert n["lcm.tracker_positions"] + n["lcm.tracker_other_publisher"] == 90
-    assert any("a second publisher of TRACKER, 127.0.0.1:" in text for text in end["events"])
+    assert any("a second publisher of TRACKER, " in text for text in end["events"])
 
 
 def test_positions_of_file_and_network_never_mix(config, tmp_path):
