@@ -58,7 +58,7 @@ typedef struct {
     ipe_command_guard_t command_guard;
     ipe_message_limit_t command_limit;  ///< of refusals on stderr
     ipe_pipeline_t pipelines[2];
-    ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
+    ipe_pipeline_t* pipeline;           ///< the one in use; the other is where a new configuration is tried
     ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;
@@ -90,15 +90,15 @@ typedef struct {
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
     loss_t foreign_commands, foreign_positions, other_positions, unused_positions;  ///< messages refused on arrival
-    loss_t late[IPE_SENSOR_COUNT];           ///< samples too late for the rows
-    loss_t unknown_force[IPE_CABLES_MAX];    ///< samples of force that do not tell a cable's
+    loss_t late[IPE_SENSOR_COUNT];                                                  ///< samples too late for the rows
+    loss_t unknown_force[IPE_CABLES_MAX];  ///< samples of force that do not tell a cable's
     ipe_presence_t presence[IPE_SENSOR_COUNT];
-    int64_t presence_due_ns;                 ///< data time of the next check of the sensors
-    ipe_host_facts_t facts;                  ///< read at the start
-    int n_facts_ticks;                       ///< until HOST is sent again
-    int n_ticks;                             ///< since the last checkpoint
-    uint64_t n_changes_reported;             ///< payload changes
-    double force_delay_reported;             ///< s
+    int64_t presence_due_ns;               ///< data time of the next check of the sensors
+    ipe_host_facts_t facts;                ///< read at the start
+    int n_facts_ticks;                     ///< until HOST is sent again
+    int n_ticks;                           ///< since the last checkpoint
+    uint64_t n_changes_reported;           ///< payload changes
+    double force_delay_reported;           ///< s
     bool is_misfit_reported;
     bool is_damage_reported;
     bool interface_was_up[IPE_BUSES_MAX];

@@ -16,9 +16,9 @@ typedef struct {
     const char* record;
     const char* checkpoint;
     ipe_inbox_origin_t commands;  ///< from whom COMMAND is taken
-    int priority;    ///< 0: not real time
-    int cpu;         ///< -1: any
-    double collect;  ///< s
+    int priority;                 ///< 0: not real time
+    int cpu;                      ///< -1: any
+    double collect;               ///< s
     char* tracker;
     char* bus[IPE_BUSES_MAX];
     unsigned n_buses;

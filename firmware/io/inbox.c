@@ -107,7 +107,8 @@ static int join(const ipe_inbox_t* b, const struct sockaddr_in* address)
     if (bind(b->fd, (const struct sockaddr*)address, sizeof *address) != 0) { return -1; }
     const bool is_on_loopback = join_on(b, address, INADDR_LOOPBACK) == 0;
     if (join_on(b, address, INADDR_ANY) == 0) { return 0; }
-    return is_on_loopback && (errno == ENODEV || errno == EADDRINUSE) ? 0 : -1;  // no route, or it leads to the loopback
+    return is_on_loopback && (errno == ENODEV || errno == EADDRINUSE) ? 0
+                                                                      : -1;  // no route, or it leads to the loopback
 }
 
 static int open_sockets(ipe_inbox_t* b, const struct sockaddr_in* address)
@@ -188,8 +189,8 @@ static bool is_allowed(ipe_inbox_t* b, ipe_inbox_origin_t origin, const struct s
 static bool is_publisher(ipe_inbox_t* b, const struct sockaddr_in* from)
 {
     const int64_t now_ns = monotonic_ns();
-    const bool is_same = b->publisher.sin_port == from->sin_port &&
-                         b->publisher.sin_addr.s_addr == from->sin_addr.s_addr;
+    const bool is_same =
+        b->publisher.sin_port == from->sin_port && b->publisher.sin_addr.s_addr == from->sin_addr.s_addr;
     if (!is_same && b->publisher_ns != 0 && now_ns - b->publisher_ns < SILENCE_NS) {
         b->other = *from;
         b->n_positions_other++;
@@ -265,14 +266,10 @@ const char* ipe_inbox_counter(const ipe_inbox_t* b, unsigned index, uint64_t* va
         const char* cause;
         uint64_t value;
     } counter[] = {
-        {"tracker_positions", b->n_positions},
-        {"tracker_invalid", b->n_positions_invalid},
-        {"tracker_bad_message", b->n_positions_bad},
-        {"tracker_other_publisher", b->n_positions_other},
-        {"tracker_foreign", b->n_positions_foreign},
-        {"commands", b->n_commands},
-        {"commands_bad_message", b->n_commands_bad},
-        {"commands_foreign", b->n_commands_foreign},
+        {"tracker_positions", b->n_positions},       {"tracker_invalid", b->n_positions_invalid},
+        {"tracker_bad_message", b->n_positions_bad}, {"tracker_other_publisher", b->n_positions_other},
+        {"tracker_foreign", b->n_positions_foreign}, {"commands", b->n_commands},
+        {"commands_bad_message", b->n_commands_bad}, {"commands_foreign", b->n_commands_foreign},
     };
     if (index >= sizeof counter / sizeof counter[0]) { return NULL; }
     *value = counter[index].value;

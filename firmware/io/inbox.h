@@ -57,11 +57,11 @@ typedef struct {
     int probe_fd;
     char tracker[IPE_INBOX_NAME_MAX], command[IPE_INBOX_NAME_MAX];
     ipe_inbox_origin_t tracker_from, command_from;
-    bool is_link_local;                      ///< group: only there the kernel lets datagrams without a source in
-    struct sockaddr_in publisher;            ///< of TRACKER; family 0: not bound
-    int64_t publisher_ns;                    ///< CLOCK_MONOTONIC of its last message
-    struct sockaddr_in other, foreign;       ///< the last refused publisher; the last refused sender from elsewhere
-    uint32_t own_address;                    ///< found to be the host's at own_ns, CLOCK_MONOTONIC; 0: none
+    bool is_link_local;                 ///< group: only there the kernel lets datagrams without a source in
+    struct sockaddr_in publisher;       ///< of TRACKER; family 0: not bound
+    int64_t publisher_ns;               ///< CLOCK_MONOTONIC of its last message
+    struct sockaddr_in other, foreign;  ///< the last refused publisher; the last refused sender from elsewhere
+    uint32_t own_address;               ///< found to be the host's at own_ns, CLOCK_MONOTONIC; 0: none
     int64_t own_ns;
     uint8_t datagram[IPE_INBOX_BYTES];
 

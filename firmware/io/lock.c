@@ -47,6 +47,7 @@ int ipe_lock_channels(const char* url, const char* prefix, char* message, size_t
     if (fd >= 0 && bind(fd, (const struct sockaddr*)&name, length) == 0) { return fd; }
     const bool is_held = errno == EADDRINUSE;
     return fail(fd, prefix,
-                is_held ? "another inertiad publishes with this prefix; choose another, or --lcm none" : strerror(errno),
+                is_held ? "another inertiad publishes with this prefix; choose another, or --lcm none"
+                        : strerror(errno),
                 message, size);
 }

@@ -58,21 +58,21 @@ typedef struct ipe_record {
     int fd;                       ///< below: the writer's
     uint8_t config[IPE_CONFIG_FILE_MAX];
     size_t n_config;
-    bool has_begun;                ///< the file holds its configuration
+    bool has_begun;               ///< the file holds its configuration
     bool is_unsynced;
-    uint64_t last_number;          ///< of the last message written
+    uint64_t last_number;         ///< of the last message written
     uint64_t file_bytes;
-    uint64_t checked_bytes;        ///< of them, before the first one that no check covers yet
-    uint32_t crc;                  ///< of the rest, as ipe_crc_extend() takes it
-    int64_t last_us;               ///< time of the last message written
-    int64_t file_begin_us;         ///< time of its first message
-    int64_t synced_ns;             ///< CLOCK_MONOTONIC
-    unsigned n_files;              ///< number last given to a file moved aside
-    int64_t give_up_ns;            ///< CLOCK_MONOTONIC at which a pipe that nobody reads is given up; 0: not closing yet
+    uint64_t checked_bytes;       ///< of them, before the first one that no check covers yet
+    uint32_t crc;                 ///< of the rest, as ipe_crc_extend() takes it
+    int64_t last_us;              ///< time of the last message written
+    int64_t file_begin_us;        ///< time of its first message
+    int64_t synced_ns;            ///< CLOCK_MONOTONIC
+    unsigned n_files;             ///< number last given to a file moved aside
+    int64_t give_up_ns;           ///< CLOCK_MONOTONIC at which a pipe that nobody reads is given up; 0: not closing yet
 
-    _Atomic uint64_t n_messages;   ///< written, without configurations
-    _Atomic uint64_t n_bytes;      ///< written
-    _Atomic uint64_t n_full;       ///< messages dropped: queue full, or longer than IPE_RECORD_MESSAGE_MAX
+    _Atomic uint64_t n_messages;  ///< written, without configurations
+    _Atomic uint64_t n_bytes;     ///< written
+    _Atomic uint64_t n_full;      ///< messages dropped: queue full, or longer than IPE_RECORD_MESSAGE_MAX
     _Atomic uint64_t n_unwritten;  ///< messages dropped: the disk refused them
     _Atomic uint64_t n_errors;     ///< failed writes, syncs and rotations
     atomic_int error;              ///< errno of the last

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """python odd_inputs.py FIRST N: odd signals files through fit, calibrate, report and sync; prints what went wrong.
 
-A case is a seed. Each takes a good signals file and a robot description, and spoils one to three things in them: values,
-times, units, noise, lengths, or a number of the description.
+A case is a seed. Each takes a good signals file and a robot description, and spoils one to three things in them:
+values, times, units, noise, lengths, or a number of the description.
 """
 
 import contextlib

@@ -256,7 +256,9 @@ first.terminate()
 print(second.returncode, third.returncode, first.wait(), second.stderr)
 """
     command = [*map(str, (DAEMON, "--config", run / "robot.cfg", "--bus", "file:-"))]
-    done = subprocess.run([*ISOLATED, sys.executable, "-c", script, *command], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [*ISOLATED, sys.executable, "-c", script, *command], capture_output=True, text=True, timeout=60
+    )
     assert done.stdout.startswith("3 0 0 "), done.stdout + done.stderr
     assert "INERTIAD_: another inertiad publishes with this prefix" in done.stdout
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LCM logs: damage is found by the checksums that daemon and recorder write, and other programs read the log as before."""
+"""LCM logs: damage is found by the checksums of daemon and recorder, and other programs read the log as before."""
 
 import random
 import shutil
@@ -22,7 +22,15 @@ def record(tmp_path_factory) -> Path:
     options = ["--trajectory", "hold", "--duration", "8", "--rate", "100"]
     subprocess.run([*map(str, command), *options], check=True, capture_output=True)
     configuration.write(run / "robot.cfg", description.load(run / "robot.toml"), "robot.toml")
-    daemon = [TOP / "build/bin/inertiad", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log", "--lcm", "none"]
+    daemon = [
+        TOP / "build/bin/inertiad",
+        "--config",
+        run / "robot.cfg",
+        "--bus",
+        f"file:{run}/can.log",
+        "--lcm",
+        "none",
+    ]
     more = ["--tracker", f"file:{run}/tracker.csv", "--record", run / "run.lcmlog"]
     subprocess.run([str(a) for a in (*daemon, *more)], check=True, capture_output=True)
     return run / "run.lcmlog"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Odd input to fit, calibrate, report and sync: a result, or one line; no traceback, no warning, none that did not converge.
+"""Odd input to fit, calibrate, report and sync: a result, or one line; no traceback, no warning, no unconverged result.
 
 More of them: python test/host/odd_inputs.py 1000 500
 """

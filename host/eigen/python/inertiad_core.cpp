@@ -581,7 +581,9 @@ NB_MODULE(inertiad_core, m)
         .def(
             "__init__",
             [](ipe_clock_t* c, double wrap) {
-                require(wrap >= 0.0 && std::isfinite(wrap), "wrap: must be 0 or more"); ipe_clock_init(new (c) ipe_clock_t{}, wrap, IPE_CLOCK_RATE_SPAN); },
+                require(wrap >= 0.0 && std::isfinite(wrap), "wrap: must be 0 or more");
+                ipe_clock_init(new (c) ipe_clock_t{}, wrap, IPE_CLOCK_RATE_SPAN);
+            },
             "wrap"_a = 0.0, "wrap [s]: device time starts again at 0 after this; 0: never.")
         .def(
             "map",
@@ -660,7 +662,7 @@ NB_MODULE(inertiad_core, m)
             return inertiad::linear_parameters(n_cables);
         },
         "n_cables"_a,
-          "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
+        "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
     bind_batch(m);
     bind_plant(m);
 }

@@ -156,7 +156,7 @@ def decode(kind: Any, event: Event, path: Path | str) -> Any:
 
 
 class Writer:
-    """Write records and their checksums; what could not be written (disk full) is counted, and reported by the caller."""
+    """Write records and their checksums; what could not be written (disk full) is counted for the caller."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
