@@ -70,11 +70,14 @@ inline void require(bool is_good, const std::string& reason)
     if (!is_good) { throw std::invalid_argument(reason); }
 }
 
+constexpr int64_t EARLIEST_NS = INT64_C(-100000000000000000);  // three years before 0: recorded time may begin anywhere
+
 /// Host times [n], ns, of a range whose differences fit.
 inline void require_times(const int64_t* t_ns, std::size_t n, const char* name)
 {
     for (std::size_t k = 0; k < n; ++k) {
-        require(t_ns[k] >= 0 && t_ns[k] <= IPE_TIME_MAX_NS, std::string(name) + ": allowed: 0 .. 8999999999 s, in ns");
+        require(t_ns[k] >= EARLIEST_NS && t_ns[k] <= IPE_TIME_MAX_NS,
+                std::string(name) + ": allowed: -1e8 .. 8999999999 s, in ns");
     }
 }
 

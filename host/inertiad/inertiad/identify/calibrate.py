@@ -235,6 +235,7 @@ def text(calibration: Calibration) -> str:
 def correlations(calibration: Calibration) -> list[str]:
     """Highly correlated pairs of parameters, the worst first."""
     std = np.sqrt(np.diag(calibration.covariance))
+    std[std == 0.0] = 1.0  # fixed, so correlated with nothing
     r = np.triu(calibration.covariance / np.outer(std, std), 1)
     labels = names(calibration.robot.n_cables)
     pairs = sorted(zip(*np.nonzero(np.abs(r) > CORRELATED), strict=True), key=lambda ij: -abs(r[ij]))

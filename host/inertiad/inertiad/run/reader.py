@@ -23,6 +23,9 @@ from inertiad.run import derived_motion, lcmlog, signals_csv, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
 
+EARLIEST: Final = -1e8
+LATEST: Final = 8_999_999_999.0
+"""s, host time as the core takes it"""
 SLOW_ROWS: Final = 1.5
 """intervals between rows that are no gap: under two, so that a lost row is one"""
 AGE_MOST: Final = 0.25
@@ -200,7 +203,11 @@ def _read_signals(file: Path, robot: Robot) -> Recording:
     return Recording(file, whole.robot, rows, 0, len(whole.signals.t) - len(rows), {}, borrowed + whole.notes)
 
 
-def _nanoseconds(t: Array) -> Any:
+def _nanoseconds(t: Array, source: str) -> Any:
+    """Times [s] in ns. InputError: out of the range whose differences fit."""
+    far = t[(t < EARLIEST) | (t > LATEST)]
+    if len(far):
+        raise InputError(f"{source}: t = {far[0]:g} s: allowed: {EARLIEST:g} to {LATEST:g}")
     return np.rint(1e9 * t).astype(np.int64)
 
 
@@ -210,7 +217,7 @@ def aligned(whole: derived_motion.Completed, source: str) -> Any:
     f = whole.signals.stack(*quantity.forces(whole.robot.n_cables))
     xyz = whole.positions.stack("x", "y", "z")
     config = config_of(whole.robot, source)
-    t_imu, t_xyz = _nanoseconds(whole.signals.t), _nanoseconds(whole.positions.t)
+    t_imu, t_xyz = _nanoseconds(whole.signals.t, source), _nanoseconds(whole.positions.t, source)
     contiguous = [np.ascontiguousarray(a) for a in (imu, f, xyz)]
     derived = {"derives_force": whole.derives_force, "derives_rate": whole.derives_rate}
     return inertiad_core.align_signals(config, t_imu, contiguous[0], contiguous[1], t_xyz, contiguous[2], **derived)
@@ -255,7 +262,7 @@ def part(recording: Recording, begin: float, end: float) -> Recording:
     inside = (t >= begin) & (t <= end)
     values = (rows.acc, rows.gyro, rows.q, rows.position, rows.f)
     acc, gyro, q, position, f = (np.ascontiguousarray(x[inside]) for x in values)
-    t_ns = _nanoseconds(rows.t[inside])
+    t_ns = _nanoseconds(rows.t[inside], str(recording.path))
     kept = inertiad_core.Rows(t_ns, acc, gyro, q, position, f, rows.derives_force, rows.derives_rate)
     return replace(recording, rows=kept)
 
