@@ -6,6 +6,7 @@
 #include "health.h"
 #include "message.h"
 #include "monitor.h"
+#include "unbound.h"
 
 #include <inttypes.h>
 #include <string.h>
@@ -37,6 +38,20 @@ static bool close_record(daemon_t* d)
     return is_whole || d->n_interfaces > 0;
 }
 
+/// False, with the identifiers, if recorded frames came and none carried a signal.
+static bool was_bound(const daemon_t* d)
+{
+    const ipe_decode_t* decode = &d->pipeline->decode;
+    const bool has_known = decode->n_decoded > 0 || decode->n_bad_length > 0 || decode->n_out_of_range > 0;
+    if (d->n_interfaces > 0 || health_frames(d) == 0 || has_known || d->unbound.n == 0) { return true; }
+    char text[REASON_SIZE];
+    ipe_unbound_describe(&d->unbound, &d->pipeline->config, text, sizeof text);
+    ipe_message("--bus: no frame of the log belongs to a signal of %s; check the order of --bus, [[bus]], [signals]",
+                d->option.config);
+    ipe_message("--bus: %s", text);
+    return false;
+}
+
 bool daemon_close(daemon_t* d)
 {
     bool is_good = true;
@@ -54,5 +69,6 @@ bool daemon_close(daemon_t* d)
     ipe_inbox_close(&d->inbox);
     ipe_notify_close(&d->notify);
     health_print(d);
+    if (!was_bound(d)) { is_good = false; }
     return is_good;
 }

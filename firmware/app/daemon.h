@@ -28,6 +28,7 @@
 #include "replay.h"
 #include "rest_detector.h"
 #include "source_socketcan.h"
+#include "unbound.h"
 
 #define NS_PER_S INT64_C(1000000000)
 
@@ -74,6 +75,7 @@ typedef struct {
     bool is_replay_runnable;
     ipe_host_clock_t clock;
     ipe_histogram_t decoded, estimated;
+    ipe_unbound_t unbound;  ///< while no frame was decoded
     int64_t data_ns;        ///< host time of the newest frame, 0: none yet
     int64_t first_row_ns, last_row_ns;
     int64_t health_due_ns;  ///< data time of the next HEALTH

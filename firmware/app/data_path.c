@@ -29,6 +29,7 @@ void data_path_frame(daemon_t* d, const ipe_frame_t* frame, int64_t arrival_ns)
     d->data_ns = frame->t_ns;
     ipe_publish_frame(&d->publisher, frame);
     (void)ipe_pipeline_push_frame(d->pipeline, frame);  // a refused frame is counted there
+    if (d->pipeline->decode.n_decoded == 0) { ipe_unbound_note(&d->unbound, frame); }
     step(d, arrival_ns);
     monitor_frame(d, frame);
 }

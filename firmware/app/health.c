@@ -186,7 +186,7 @@ void health_describe_lateness(const daemon_t* d, ipe_sensor_t sensor, char* text
 void health_print(const daemon_t* d)
 {
     char text[REASON_SIZE];
-    ipe_counters_print(&d->counters);
+    ipe_counters_print(&d->counters, d->option.is_verbose);
     print_latency("decoded", &d->decoded);
     print_latency("estimate", &d->estimated);
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {

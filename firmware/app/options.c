@@ -34,6 +34,7 @@ static const char USAGE[] =
     "                      0: take each as it comes\n"
     "  --rt PRIORITY       run as SCHED_FIFO, 1 to 99, with all memory locked\n"
     "  --cpu N             run on this processor only, from 0\n"
+    "  -v, --verbose       print the counters that are zero, too, at the end\n"
     "  --version           print the version\n"
     "  -h, --help          print this text\n"
     "\n"
@@ -105,6 +106,7 @@ static int take_option(options_t* o, int letter, const char* text)
     case 'k': o->checkpoint = optarg; return 0;
     case 'r': o->record = optarg; return 0;
     case 'e': o->estimate = optarg; return 0;
+    case 'v': o->is_verbose = true; return 0;
     case ':': return usage_error(text, "needs a value");
     default: return usage_error(text, "unknown or ambiguous option");
     }
@@ -136,6 +138,7 @@ options_result_t options_read(options_t* o, int argc, char** argv)
         {"collect", required_argument, NULL, 'g'},
         {"rt", required_argument, NULL, 'R'},
         {"cpu", required_argument, NULL, 'C'},
+        {"verbose", no_argument, NULL, 'v'},
         {"version", no_argument, NULL, 'V'},
         {"help", no_argument, NULL, 'h'},
         {NULL, 0, NULL, 0},
@@ -146,7 +149,7 @@ options_result_t options_read(options_t* o, int argc, char** argv)
                      .commands = IPE_INBOX_ORIGIN_HOST,
                      .cpu = -1,
                      .collect = COLLECT_DEFAULT};
-    while ((letter = getopt_long(argc, argv, ":h", LONG, NULL)) != -1) {
+    while ((letter = getopt_long(argc, argv, ":hv", LONG, NULL)) != -1) {
         if (letter == 'h') { return print(USAGE); }
         if (letter == 'V') { return print("inertiad " INERTIAD_VERSION "\n"); }
         if (take_option(o, letter, argv[optind - 1]) != 0) { return OPTIONS_BAD; }

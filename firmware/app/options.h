@@ -6,6 +6,8 @@
 #include "inbox.h"
 #include "types.h"
 
+#include <stdbool.h>
+
 enum { REASON_SIZE = 512 };  ///< bytes of one line of an error message
 
 typedef struct {
@@ -19,6 +21,7 @@ typedef struct {
     int priority;                 ///< 0: not real time
     int cpu;                      ///< -1: any
     double collect;               ///< s
+    bool is_verbose;
     char* tracker;
     char* bus[IPE_BUSES_MAX];
     unsigned n_buses;

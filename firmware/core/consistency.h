@@ -22,7 +22,7 @@ bool ipe_consistency_check(const double theta[IPE_NP]);
 ///
 ///   distance  out  Mahalanobis distance squared moved: over 21.7 (99 % of 10 degrees of freedom) data and model disagree
 ///
-/// True: q [10] is consistent (theta itself, distance 0, if it was already). False: no such q found in 24 cuts or theta is
+/// True: q [10] is consistent (theta itself, distance 0, if it was already). False: no such q found in 40 cuts or theta is
 /// not finite; q is theta. About 2 us per cut. Source: Hildreth 1957; firmware/DESIGN.md, "Consistency".
 bool ipe_consistency_project(const double theta[IPE_NP], const double P[IPE_NP][IPE_NP], double q[IPE_NP],
                              double* distance);

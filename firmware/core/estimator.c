@@ -9,13 +9,10 @@
 
 #include <string.h>
 
-#define REST_WINDOWS 50  // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
+#define REST_WINDOWS 50   // at rest, 5 s at a window of 0.4 s: chosen so that the pose's noise is averaged out
 #define LEARNING_WINDOWS \
-    50                   // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
-#define HUBER_NIS \
-    30.0  // from which on a window counts for less: chi-squared with 6 degrees of freedom exceeds it in 4e-5
-#define LEAST_WEIGHT 0.1   // so that a misfit that lasts is not thrown away
-#define LONGEST_STEP 0.5   // s between windows over which a force changes linearly
+    50                    // of noise, twice IPE_NOISE_LAGS: chosen so that NIS has a meaning before it decides anything
+#define LONGEST_STEP 0.5  // s between windows over which a force changes linearly
 #define WIDEN_INTERVAL 50  // windows between two looks at implausible states: chosen so that it costs next to nothing
 #define DELAY_LINEAR 4e-3  // s, error (w tau)^2/2 of a linear delay: 0.2 % of a motion of 2.5 Hz
 #define DELAY_SURE 4.0     // sigma: chosen so that healthy forces never move
@@ -131,11 +128,11 @@ static ipe_change_detector_verdict_t judge(ipe_estimator_t* e, const ipe_config_
     return ipe_change_detector_push(&e->change_detector, &window, payload_std);
 }
 
-/// A window that stands out counts for less, as if its noise were larger (Huber 1964).
+/// A window that stands out counts for less, once the noise is known.
 static void weigh(ipe_estimator_t* e, double L[IPE_NY][IPE_NY])
 {
-    if (e->noise.n_summed < LEARNING_WINDOWS || !(e->nis > HUBER_NIS)) { return; }
-    const double weight = fmax(sqrt(HUBER_NIS / e->nis), LEAST_WEIGHT), scale = 1.0 / sqrt(weight);
+    const double weight = ipe_noise_weight(e->nis), scale = 1.0 / sqrt(weight);
+    if (e->noise.n_summed < LEARNING_WINDOWS || !(weight < 1.0)) { return; }
     for (int i = 0; i < IPE_NY; ++i) {
         for (int k = 0; k <= i; ++k) { L[i][k] *= scale; }
     }

@@ -7,7 +7,6 @@
 #include <stddef.h>
 #include <string.h>
 
-#define DRIFT_INTERVAL 5.0  // s between two steps of the offsets' random walk: chosen so that it costs next to nothing
 #define IMPLAUSIBLE 3.0     // sigmas: one correct declaration in 400 is beyond
 #define LEAST_TOLD 0.01     // of the prior's variance: chosen so that the model's own errors do not pass for a state
 #define RIDGE 1e-9          // of the trace of the wrench matrix squared, which is singular with fewer than six cables
@@ -159,7 +158,7 @@ void ipe_filter_states_predict(ipe_filter_states_t* s, const ipe_config_t* confi
     if (s->t_ns == 0) { s->drifted_ns = average->t_ns; }
     const double since_drift = 1e-9 * (double)(average->t_ns - s->drifted_ns);
     predict_wander(s, average, 1e-9 * (double)(average->t_ns - s->t_ns), rls);
-    if (since_drift < 0.0 || since_drift >= DRIFT_INTERVAL) {
+    if (since_drift < 0.0 || since_drift >= IPE_DRIFT_INTERVAL) {
         predict_offsets(s, config, fmax(since_drift, 0.0), rls);
         s->drifted_ns = average->t_ns;
     }

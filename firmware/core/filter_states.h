@@ -25,6 +25,9 @@
 #include "systematic.h"
 #include "types.h"
 
+#define IPE_DRIFT_INTERVAL \
+    5.0  // s between two steps of the offsets' random walk: chosen so that it costs next to nothing
+
 /// Blocks of states, in their order in the filter. The systematic blocks follow each other in the order of systematic.h.
 typedef enum {
     IPE_BLOCK_THETA,

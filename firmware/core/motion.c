@@ -5,37 +5,36 @@
 
 #include <string.h>
 
-#define EPOCH_NS 40000000LL
-#define STEP_BACK_NS 1000000000LL  // a stamp this far back: the clock was stepped, start again
-#define ACC_DENSITY 2e-3   // m/s2/rtHz, beside the measured noise: vibration, and what steps of the sampling leave
-#define GYRO_DENSITY 1e-4  // rad/s/rtHz
-#define BIAS_DRIVE 2e-6    // rad/s/rts, random walk of the gyro's bias
-#define SCALE_DRIVE 1e-5   // 1/rts, of the scales
-#define START_POSITION_STD 2e-3  // m, of one tracker sample until it is learnt
-#define POSITION_MEMORY 250      // epochs
-#define POSITION_PRIOR 20        // epochs that the start counts for
-#define POSITION_STD_MIN 2e-4    // m
-#define POSITION_STD_MAX 2e-2    // m
-#define START_VELOCITY_STD 2.0   // m/s
+#define EPOCH_NS 40000000LL        // 25 Hz: chosen so that the covariance costs little beside the state
+#define STEP_BACK_NS 1000000000LL  // 1 s, chosen over any reordering: a stamp this far back means a stepped clock
+#define ACC_DENSITY 2e-3   // m/s2/rtHz, beside the measured noise: chosen as twice a MEMS sensor's own, for vibration
+#define GYRO_DENSITY 1e-4  // rad/s/rtHz, beside it: chosen as a MEMS gyro's own, 0.006 deg/s/rtHz
+#define BIAS_DRIVE 2e-6    // rad/s/rts, of the gyro's bias: 4 deg/h in 100 s, chosen as a MEMS gyro
+#define SCALE_DRIVE 1e-5   // 1/rts, of the scales: chosen so that warming by 1e-4 in 100 s is followed
+#define START_POSITION_STD 2e-3  // m, of one tracker sample until it is learnt: chosen between laser and total station
+#define POSITION_MEMORY 250      // epochs, 10 s: chosen so that the tracker's noise is known to a tenth, sqrt(2/250)
+#define POSITION_PRIOR 20        // epochs that the start counts for: chosen so that 1 s of positions outweighs it
+#define POSITION_STD_MIN 2e-4    // m: chosen as a laser tracker's, and
+#define POSITION_STD_MAX 2e-2    // m: as the worst indoor positioning's, so that outliers are not learnt as noise
+#define START_VELOCITY_STD 2.0   // m/s: chosen over a cable robot's usual speed
 #define TILT_STD_MIN 0.1         // rad: an AHRS that follows acceleration may be this far off at the start
-#define YAW_STD_MIN 0.01         // rad
-#define GYRO_BIAS_STD_MIN 2e-3   // rad/s
-#define SCALE_STD_MIN 5e-3
-#define IPE_WANDER_TIME 20.0     // s, of the AHRS's yaw
-#define SETTLED_TILT 3e-3        // rad: motion is published from here on
-#define SETTLED_SCALE 1e-3
-#define DECAY_MEMORY 0.4         // s, over which the decay of the attitude's error is averaged
-#define SLOWEST_DECAY 1e-4       // 1/s
-#define GATE 6.0                 // sigmas, and
-#define JUMP 0.05                // m: a position further off contradicts
-#define FASTEST 10.0             // m/s: no platform moves faster
-#define RESTART_POSITIONS 5      // refused one after another,
-#define RESTART_NS 200000000LL   // for this long: the target is elsewhere now
-#define BRIDGE_NS 2000000000LL   // a gap between rows that the AHRS carries the attitude through,
-#define BRIDGE_STD 0.01          // rad: adding this
-#define NOMINAL_STD 3e-4         // rad and
-#define NOMINAL_TIME 1.0         // s, of a fused attitude with 1 mm at 100 Hz and a MEMS gyro
-#define CARRIED_STD_MAX 0.03     // m, of a position that rows are made from
+#define YAW_STD_MIN 0.01         // rad: chosen so that the gyro and the positions decide after some seconds of motion
+#define GYRO_BIAS_STD_MIN 2e-3   // rad/s: chosen as an uncalibrated MEMS gyro's, 0.1 deg/s
+#define SCALE_STD_MIN 5e-3       // chosen as an uncalibrated MEMS sensor's
+#define SETTLED_TILT 3e-3        // rad: motion is published from here on, chosen as 3 mm at 1 m, and
+#define SETTLED_SCALE 1e-3       // of the scale factors: chosen so that it adds 0.1 % to the mass
+#define DECAY_MEMORY 0.4        // s, over which the decay of the attitude's error is averaged: chosen as a usual window
+#define SLOWEST_DECAY 1e-4      // 1/s: chosen so that the correlation time stays finite
+#define GATE 6.0                // sigmas: chosen so that noise is beyond once in 5e8 positions; with it
+#define JUMP 0.05               // m: chosen over what stamps 50 ms late do at 1 m/s; further off contradicts
+#define FASTEST 10.0            // m/s: chosen as no platform moves faster
+#define RESTART_POSITIONS 5     // refused one after another, chosen over a burst of outliers,
+#define RESTART_NS 200000000LL  // for 0.2 s: the target is elsewhere now
+#define BRIDGE_NS 2000000000LL  // 2 s: a gap between rows that the AHRS carries the attitude through, chosen so that it
+#define BRIDGE_STD 0.01         // rad: turns by no more than this wrongly
+#define NOMINAL_STD 3e-4        // rad and
+#define NOMINAL_TIME 1.0        // s: measured, of a fused attitude with 1 mm at 100 Hz and a MEMS gyro
+#define CARRIED_STD_MAX 0.03    // m, of a position that rows are made from: chosen over a gap of 0.5 s
 
 enum {
     N = IPE_MOTION_STATES,

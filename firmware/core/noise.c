@@ -6,6 +6,9 @@
 #include <string.h>
 
 #define PRIOR_WINDOWS 10.0  // the configured covariance counts for so many: chosen so that it decides for 1 s only
+#define HUBER_NIS \
+    30.0  // from which on a window counts for less: chi-squared with 6 degrees of freedom exceeds it in 4e-5
+#define LEAST_WEIGHT 0.1  // so that a misfit that lasts is not thrown away
 #define FLOOR 1e-4  // of the configured variance: chosen as 1 % of its sigma, below which quantisation is all there is
 
 ipe_status_t ipe_noise_init(ipe_noise_t* s, const double C[IPE_NY][IPE_NY])
@@ -57,6 +60,11 @@ void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const doubl
         const double scale = sqrt(learnt_variance(s, i) / s->prior[i]);
         for (int k = 0; k <= i; ++k) { s->L[i][k] = scale * s->factor[i][k]; }
     }
+}
+
+double ipe_noise_weight(double nis)
+{
+    return nis > HUBER_NIS ? fmax(sqrt(HUBER_NIS / nis), LEAST_WEIGHT) : 1.0;
 }
 
 double ipe_noise_level(const ipe_noise_t* s)

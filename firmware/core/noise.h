@@ -29,6 +29,10 @@ ipe_status_t ipe_noise_init(ipe_noise_t* s, const double C[IPE_NY][IPE_NY]);
 /// Learn from a window's innovation [6], of whose covariance S [6][6] comes from the states; L is up to date afterwards.
 void ipe_noise_push(ipe_noise_t* s, const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY]);
 
+/// Weight in (0, 1] of a window whose innovation has the normalised square nis, by 6 degrees of freedom: one that stands out
+/// counts for less, as if its noise covariance were 1 / weight times larger (Huber 1964). Only for a noise that is learnt.
+double ipe_noise_weight(double nis);
+
 /// Geometric mean over the channels of the variance to whiten with, in units of the configured one.
 double ipe_noise_level(const ipe_noise_t* s);
 

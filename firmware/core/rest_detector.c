@@ -5,10 +5,11 @@
 
 #include <string.h>
 
+// Chosen: 1 s averages a swing; half a block missing is a gap; a bias is read at most half a block after its last one.
 static const int64_t BLOCK_NS = 1000000000, GAP_NS = 500000000, AGE_NS = 1500000000;
-static const double TURN = 3e-3;               // rad between two blocks
-static const double SIGMA[2] = {0.02, 0.3};    // rad/s, m/s2
-static const double CHANGE[2] = {5e-3, 0.05};  // rad/s, m/s2
+static const double TURN = 3e-3;               // rad between two blocks: chosen over an AHRS's wander in 1 s
+static const double SIGMA[2] = {0.02, 0.3};    // rad/s, m/s2: chosen over a MEMS sensor's noise at 1 kHz
+static const double CHANGE[2] = {5e-3, 0.05};  // rad/s, m/s2: chosen over the noise of a block's mean
 
 void ipe_rest_detector_init(ipe_rest_detector_t* r)
 {

@@ -4,13 +4,13 @@
 #include <math.h>
 #include <string.h>
 
-#define SPREAD 0.8            // of the period that the frames of a sample without counter may take
-#define DROPPED_IN_A_ROW 8    // samples, then the period is measured again
-#define SETTLED_INTERVALS 16  // then the silences are known
-#define MEDIAN_STEP 0.02F     // of the period
-#define CLEARLY 1.2F          // times the silence before its frames: which is the first one
-#define REORDERED_MAX 8.0     // samples that one may come late
-#define COUNTER_SLACK_S 2.0   // that a counter may be ahead of the host stamps; beyond, it jumped
+#define SPREAD 0.8            // of the period that the frames of a sample without counter may take: chosen under 1
+#define DROPPED_IN_A_ROW 8    // samples, chosen over a burst of losses: then the period is measured again
+#define SETTLED_INTERVALS 16  // then the silences are known: chosen so that their medians stand
+#define MEDIAN_STEP 0.02F     // of the period: chosen so that a median stands within 50 samples
+#define CLEARLY 1.2F          // times the silence before another frame: chosen over jitter; it is before the first one
+#define REORDERED_MAX 8.0     // samples that one may come late: chosen as in align.c
+#define COUNTER_SLACK_S 2.0   // s that a counter may be ahead of the stamps, chosen over stalls; beyond, it jumped
 
 static void require(ipe_sample_assembler_t* g, int first, int n)
 {

@@ -5,20 +5,20 @@
 #include <math.h>
 #include <string.h>
 
-#define REGULAR 0.75        // of the mean: an interval that differs by more is a lost sample or a late one
-#define PERIOD_ERROR 0.01   // of the period, what a measured one may be off by
-#define ON_LINE 0.5         // of the period: a stamp that near is its sample's
-#define WHOLE 0.25          // of the period: a lateness that near to whole periods may be lost samples,
-#define COUNTABLE 32        // a longer gap cannot be counted to one sample: the line starts again
-#define AGREE 4             // if so many samples in a row say the same, and
-#define BY_CHANCE 1e-4      // that all of them are late for another reason is less likely
-#define PROMPT_0 0.75F      // share of prompt samples until it is known
-#define PROMPT_STEP (1.0F / 128.0F)
-#define LINE_S 1.0          // that a line anew reaches back over
-#define MEASURE_S 0.015625  // and intervals over this long make a period
-#define IRREGULAR_MAX 6     // intervals, then the mean of IPE_SAMPLE_TIMING_HOLD has to do
-#define GIVE_UP_S 1.0       // after so long without a sample in its place the period is measured again
-#define COUNTED_LATE_S 2.0  // a counter is believed up to this lateness
+#define REGULAR 0.75       // of the mean, chosen under 1: an interval that differs by more is a lost or late sample
+#define PERIOD_ERROR 0.01  // of the period, what a measured one may be off by: chosen over a poor quartz and jitter
+#define ON_LINE 0.5        // of the period: chosen as half way to the next; a stamp that near is its sample's
+#define WHOLE 0.25    // of the period, chosen so that half of all latenesses are that near to whole ones: lost samples,
+#define COUNTABLE 32  // periods, chosen with PERIOD_ERROR: a longer gap cannot be counted to one sample
+#define AGREE 4       // if so many samples in a row say the same, and
+#define BY_CHANCE 1e-4  // that all of them are late for another reason is less likely: chosen as rare beside losses
+#define PROMPT_0 0.75F  // share of prompt samples until it is known: chosen as an idle host's lower end,
+#define PROMPT_STEP (1.0F / 128.0F)  // what one sample changes it by: chosen as a mean of the last hundred
+#define LINE_S 1.0          // s that a new line reaches back over: chosen so that some of its stamps are prompt
+#define MEASURE_S 0.015625  // s over which intervals make a period: chosen as a clock's first block (clock.c)
+#define IRREGULAR_MAX 6     // intervals, chosen as most hosts need fewer; then the mean of IPE_SAMPLE_TIMING_HOLD is it
+#define GIVE_UP_S 1.0  // s without a sample in its place, chosen over a host's stalls: the period is measured again
+#define COUNTED_LATE_S 2.0  // s: a counter is believed up to this lateness, chosen over a host's longest stalls
 
 void ipe_sample_timing_init(ipe_sample_timing_t* p)
 {

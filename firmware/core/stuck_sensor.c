@@ -5,14 +5,14 @@
 #include <string.h>
 
 #define STUCK_NS 250000000LL     // unchanged for 0.25 s, the default max_age of a position,
-#define SAME_MAX 1000000         // so far repeats are counted
+#define SAME_MAX 1000000         // so far repeats are counted: chosen so that the count cannot overflow
 #define STUCK_SAMPLES 8          // and so many samples: chosen so that slow sensors may repeat a value
 #define SMOOTHING_S 0.2F         // s, of the specific force: chosen to average vibration and to follow motion
 #define SETTLED_NS 1000000000LL  // ns, five times SMOOTHING_S: then it is a mean
 #define MOVED 0.2F               // m/s2: chosen over the noise of that mean
 #define RESOLUTION_STEPS 4.0     // of a force signal: chosen so that quantisation is not called stuck
 #define LEARNING_SAMPLES 200  // of a force signal that changed: chosen so that its noise and its longest run are known
-#define NOISE_MEMORY 64.0F    // samples
+#define NOISE_MEMORY 64.0F    // samples that the noise is a mean of: chosen so that it is known to a sixth
 #define NOISE_STEPS \
     4.0F                // of its resolution, over which a signal does not repeat by chance 8 times: once in 1e6 samples
 #define LONGEST_RUNS 4  // times the longest run: chosen so that a gateway that repeats samples is not called stuck

@@ -32,8 +32,11 @@ static int widest_name(const ipe_counters_t* c)
     return (int)widest;
 }
 
-void ipe_counters_print(const ipe_counters_t* c)
+void ipe_counters_print(const ipe_counters_t* c, bool with_zero)
 {
     const int width = widest_name(c);
-    for (unsigned i = 0; i < c->n; ++i) { ipe_message("%-*s  %12" PRIu64, width, c->item[i].name, c->item[i].value); }
+    for (unsigned i = 0; i < c->n; ++i) {
+        if (c->item[i].value == 0 && !with_zero) { continue; }
+        ipe_message("%-*s  %12" PRIu64, width, c->item[i].name, c->item[i].value);
+    }
 }

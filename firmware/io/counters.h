@@ -5,6 +5,7 @@
 #ifndef IPE_COUNTERS_H
 #define IPE_COUNTERS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 enum { IPE_COUNTERS_MAX = 512, IPE_COUNTER_NAME_MAX = 48 };
@@ -24,7 +25,7 @@ void ipe_counters_clear(ipe_counters_t* c);
 /// than IPE_COUNTERS_MAX.
 void ipe_counters_add(ipe_counters_t* c, const char* stage, const char* cause, uint64_t value);
 
-/// Write all to stderr, aligned, one per line.
-void ipe_counters_print(const ipe_counters_t* c);
+/// Write all, or those that are not zero, to stderr, aligned, one per line.
+void ipe_counters_print(const ipe_counters_t* c, bool with_zero);
 
 #endif

@@ -19,7 +19,8 @@ import inertiad_core  # noqa: E402
 from inertiad.base import quantity  # noqa: E402
 from inertiad.model import random_errors, trajectory  # noqa: E402
 from inertiad.robot import configuration, description  # noqa: E402
-from inertiad.robot.description import Nominal, Robot  # noqa: E402
+from inertiad.robot.description import Robot  # noqa: E402
+from inertiad.robot.keys import Nominal  # noqa: E402
 from inertiad.run import reader  # noqa: E402
 from inertiad.simulate import sensor_models, simulator  # noqa: E402
 

@@ -109,7 +109,7 @@ def update():
 
 
 def by_inertiad():
-    program(TOP / "build/bin/inertiad", "--config", RUN / "robot.cfg", "--bus", f"file:{RUN}/can.log",
+    program(TOP / "build/bin/inertiad", "-v", "--config", RUN / "robot.cfg", "--bus", f"file:{RUN}/can.log",
             "--tracker", f"file:{RUN}/tracker.csv", "--lcm", "none", "--estimate", RUN / "estimate.json")  # fmt: skip
 
 

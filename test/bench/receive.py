@@ -50,7 +50,7 @@ def create_with_buffer():
 socketcan.create_socket = create_with_buffer
 can.logger.main()
 """
-INERTIAD = [TOP / "build/bin/inertiad", "--config", FLOOD / "timed/robot.cfg", "--bus", f"socketcan:{BUS}"]
+INERTIAD = [TOP / "build/bin/inertiad", "-v", "--config", FLOOD / "timed/robot.cfg", "--bus", f"socketcan:{BUS}"]
 RECEIVERS = {
     "inertiad": [*INERTIAD, "--lcm", "none", "--record", "run.lcmlog"],
     "candump -l": ["candump", "-r", str(8 << 20), "-l", BUS],

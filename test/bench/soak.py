@@ -48,7 +48,16 @@ def main(seconds: float) -> int:
     source = [TOP / "build/test/bench/flood", FLOOD / "run/can.log", "-", str(frame_rate), str(seconds)]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        daemon = [TOP / "build/bin/inertiad", "--config", FLOOD / "timed/robot.cfg", "--bus", "file:-", "--lcm", "none"]
+        daemon = [
+            TOP / "build/bin/inertiad",
+            "-v",
+            "--config",
+            FLOOD / "timed/robot.cfg",
+            "--bus",
+            "file:-",
+            "--lcm",
+            "none",
+        ]
         outputs = ["--record", f"{folder}/run.lcmlog?rotate_mb=16", "--checkpoint", folder / "run.ckp"]
         begin = time.monotonic()
         with subprocess.Popen(source, stdout=subprocess.PIPE) as log:

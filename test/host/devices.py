@@ -148,7 +148,7 @@ def record_turning(name: str, folder: Path, rate: float, duration: float) -> Non
 
 def _simulate(name: str, file: Path, path: Trajectory, motion: str, folder: Path, rate: float, seed: int) -> None:
     robot, level = description.load(file), sensor_models.faults("modern")
-    body = simulator.body_of(robot, file, None, None)
+    body = simulator.body_of(robot, None, None)
     run = simulator.Run(file, robot, body, path, motion, level, "modern", rate, seed)
 
     def pack(_bindings: list[Binding], signals: Table, t_device: Array) -> list[Frames]:

@@ -3,6 +3,7 @@
 
 import json
 import subprocess
+import sys
 import tomllib
 
 import lcm
@@ -226,3 +227,46 @@ def test_unusable_estimate_is_one_line(tmp_path, data):
     (tmp_path / "estimate.json").write_text(data)
     with pytest.raises(InputError, match=r"^[^\n]+estimate.json: [^\n]+$"):
         body.read(tmp_path / "estimate.json")
+
+
+# ---- help texts, stdout ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        ("compile", "Leave [nominal] out"),
+        ("encode", "CSV: t,x,y,z [m]."),
+        ("calibrate", 'In robot.toml: [calibration] file = "calibration.toml"'),
+        ("sync", 'In robot.toml: [calibration] sync = "sync.json"'),
+        ("paper", "Robot with a [nominal] body"),
+    ],
+)
+def test_help_keeps_what_stands_in_brackets(inertiactl, command, text):
+    plain = " ".join(word for word in inertiactl(command, "-h").stdout.replace("│", " ").split())
+    assert text in plain
+    assert "\\[" not in plain
+
+
+def test_configuration_on_stdout_is_the_file(tmp_path):
+    command = [sys.executable, "-m", "inertiad", "compile", str(COGIRO / "robot.toml"), "-o"]
+    subprocess.run([*command, str(tmp_path / "robot.cfg")], check=True, cwd=TOP, capture_output=True)
+    done = subprocess.run([*command, "-"], check=True, cwd=TOP, capture_output=True)
+    assert done.stdout == (tmp_path / "robot.cfg").read_bytes()
+    assert done.stderr == b""
+
+
+def test_two_outputs_do_not_share_stdout(inertiactl):
+    result = inertiactl("compile", COGIRO / "robot.toml", "-o", "-", "--json", "-")
+    assert "stdout takes one output" in one_line_and_2(result)
+
+
+def test_recording_ends_with_its_counts_as_json(inertiactl, tmp_path):
+    source = tmp_path / "positions.txt"
+    source.write_text("1.0,0.1,0.2,0.3\n1.1,0.1,0.2,0.4\nnonsense\n")
+    lines = ["--from", f"file:{source}", "--seconds", "1", "--lcm", f"file://{tmp_path}/lcm.log?mode=w"]
+    done = inertiactl("record", *lines, "--json", "-", "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["n_samples"], found["n_bad"], found["error"]) == (2, 1, None)
+    assert "samples: 2 received" in done.stderr

@@ -56,7 +56,7 @@ def resting(tmp_path_factory) -> Path:
 
 def session(run: Path, steps: list[str], *more: object) -> tuple[list[dict], dict]:
     """Answers and events in order, and the daemon's end."""
-    daemon = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log?speed=1"]
+    daemon = [DAEMON, "-v", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log?speed=1"]
     arguments = [*daemon, "--tracker", f"file:{run}/tracker.csv", *more, "--", *steps]
     command = [*ISOLATED, sys.executable, TOP / "test/host/session.py", *arguments]
     result = subprocess.run([str(a) for a in command], capture_output=True, text=True, timeout=90)

@@ -18,7 +18,7 @@ from inertiad.base.error import InputError
 from inertiad.base.quantity import QUANTITIES
 from inertiad.base.table import Table
 from inertiad.robot import configuration, dbc, description
-from inertiad.robot.description import TENSION_MAX_DEFAULT, inertia_matrix
+from inertiad.robot.keys import TENSION_MAX_DEFAULT, inertia_matrix
 from inertiad.robot.messages import validate
 from inertiad.run import encode
 from inertiad_lcm import robot_config_t

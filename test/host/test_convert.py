@@ -22,7 +22,7 @@ from inertiad.base.table import Table
 from inertiad.exchange import body_formats, convert, dataset, file_formats
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import configuration, description
-from inertiad.robot.description import Nominal, inertia_matrix
+from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import canlog, lcmlog
 from inertiad.run.canlog import CanLog
 
@@ -35,7 +35,7 @@ def run(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     devices.record("xsens_gsv4", folder, rate=50.0, hold=5.0)
     configuration.write(folder / "robot.cfg", description.load(folder / "robot.toml"), "robot.toml")
-    command = [TOP / "build/bin/inertiad", "--config", folder / "robot.cfg", "--lcm", "none"]
+    command = [TOP / "build/bin/inertiad", "-v", "--config", folder / "robot.cfg", "--lcm", "none"]
     for bus in range(2):
         command += ["--bus", f"file:{folder / 'can.log'}?interface=can{bus}"]
     command += ["--tracker", f"file:{folder / 'tracker.csv'}", "--record", folder / "run.lcmlog"]

@@ -133,7 +133,7 @@ def test_daemon_reads_the_devices_on_two_buses_and_finds_the_truth(name: str, se
     robot = description.load(tmp_path / "robot.toml").model_copy(update={"nominal": None})  # the daemon is not told
     configuration.write(config, robot, "robot.toml")
     # when: the daemon reads both
-    command = [TOP / "build/bin/inertiad", "--config", config, "--lcm", "none", "--estimate", estimate]
+    command = [TOP / "build/bin/inertiad", "-v", "--config", config, "--lcm", "none", "--estimate", estimate]
     for bus in range(2):
         command += ["--bus", f"file:{tmp_path / 'can.log'}?interface=can{bus}"]
     command += ["--tracker", f"file:{tmp_path / 'tracker.csv'}"]

@@ -90,6 +90,68 @@ def test_a_saturated_sensor_is_named(good: Recording) -> None:
     assert "force sensor 5 is saturated" in _findings(_with(good, f=f))
 
 
+def _with_cable(run: Recording, i: int, **update: object) -> Recording:
+    cables = [c.model_copy(update=update) if k == i else c for k, c in enumerate(run.robot.cable)]
+    return replace(run, robot=run.robot.model_copy(update={"cable": cables}))
+
+
+def _moved(run: Recording, i: int, key: str, axis: int, by: float) -> Recording:
+    place = list(getattr(run.robot.cable[i], key))
+    place[axis] += by
+    return _with_cable(run, i, **{key: place})
+
+
+def _late(run: Recording, key: str, delay: float) -> Recording:
+    rows = run.rows
+    late = np.column_stack([np.interp(rows.t - delay, rows.t, x) for x in getattr(rows, key).T])
+    return _with(run, **{key: late if key != "q" else late / np.linalg.norm(late, axis=1)[:, None]})
+
+
+def _aimed(run: Recording, by: list[float]) -> Recording:
+    tracker = run.robot.tracker.model_copy(update={"target": (np.array(run.robot.tracker.target) + by).tolist()})
+    return replace(run, robot=run.robot.model_copy(update={"tracker": tracker}))
+
+
+def _yawed(run: Recording, angle: float) -> Recording:
+    c, s = np.cos(angle), np.sin(angle)
+    return _with(run, position=run.rows.position @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+TABLE = {
+    "swapped_cables": (
+        lambda run: _with(run, f=run.rows.f[:, [0, 5, 2, 3, 4, 1, 6, 7]]),
+        "cables 2 and 6 look swapped",
+    ),
+    "acc_axes": (lambda run: _with(run, acc=run.rows.acc * [1.0, -1.0, 1.0]), "axes look like x, -y, z"),
+    "gyro_axes": (lambda run: _with(run, gyro=run.rows.gyro[:, [1, 0, 2]]), "axes look like y, x, z"),
+    "quaternion": (lambda run: _with(run, q=run.rows.q[:, [1, 2, 3, 0]]), "its order looks like x y z w"),
+    "tracker_axes": (lambda run: _with(run, position=run.rows.position[:, [1, 0, 2]]), "axes look like y, x, z"),
+    "tracker_yaw": (lambda run: _yawed(run, 0.2), "the tracker's world looks turned by"),
+    "tracker_target": (lambda run: _aimed(run, [0.0, 0.4, 0.0]), "the tracker looks at another point"),
+    "anchor": (lambda run: _moved(run, 2, "anchor", 0, 1.0), "cable[3].anchor looks wrong along x"),
+    "attachment": (lambda run: _moved(run, 5, "attachment", 1, -0.3), "cable[6].attachment looks wrong along y"),
+    "force_gain": (lambda run: _with(run, f=run.rows.f * [1, 1, 1, 1.3, 1, 1, 1, 1]), "force sensor 4 looks scaled"),
+    "force_delay": (lambda run: _late(run, "f", 0.1), "the forces look 0."),
+    "attitude_delay": (lambda run: _late(run, "q", 0.1), "the attitude looks 0."),
+    "tracker_delay": (lambda run: _late(run, "position", 0.1), "the positions look 0."),
+}
+"""of the table: what is done to a run, what is said"""
+NUMBERS = {"tracker_yaw": 0.2, "anchor": -1.0, "attachment": 0.3, "force_gain": 1.0 / 1.3 - 1.0}
+NUMBERS |= {"force_delay": 0.1, "attitude_delay": 0.1, "tracker_delay": 0.1}
+"""that are found, m, rad, s"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", TABLE)
+def test_every_mistake_of_the_table_is_named_first(kind: str) -> None:
+    make, words = TABLE[kind]
+    made = make(reader.read(scenes.run(1000, "modern", 100.0, "fourier")))
+    found = diagnose.diagnose(made.robot, [made])
+    assert found and found[0].name == kind and words in found[0].says, found
+    if kind in NUMBERS:
+        assert found[0].evidence["numbers"] == pytest.approx([NUMBERS[kind]], rel=0.1)
+
+
 def test_rest_and_one_pose_are_named(good: Recording) -> None:
     still = {k: np.repeat(getattr(good.rows, k)[:1], len(good.rows), axis=0) for k in ("q", "position", "gyro")}
     assert "one pose only" in _findings(_with(good, **still | {"gyro": 0.0 * good.rows.gyro}))

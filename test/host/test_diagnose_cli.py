@@ -29,8 +29,8 @@ SAID = {
     "IMU turned": "the IMU looks turned by -90 deg about z",
     "gravity sign": "gravity has the wrong sign",
     "tracker in mm": "is the tracker in mm?",
-    "pulley forgotten": "with pulley_radius = 0.05",
-    "pulley's diameter": "with pulley_radius = 0.0",
+    "pulley forgotten": "pulley_radius = 0.05",
+    "pulley's diameter": "pulley_radius = 0.0",
     "slack cable": "cable 1 is slack for 10 % of the time",
     "saturated sensor": "force sensor 1 is saturated at",
 }

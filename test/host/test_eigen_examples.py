@@ -2,14 +2,17 @@
 """The C++ layer as a controller uses it: its examples run, and give what independent mathematics gives."""
 
 import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
 import lcm
 import numpy as np
+import pytest
+from conftest import COGIRO, TOP
 
 from inertiad_lcm import estimate_t
 
-TOP = Path(__file__).resolve().parents[2]
 THETA = np.array([161.0, -0.2, -12.4, -19.0, 98.2, 91.1, 32.6, 2.7, -0.1, -0.4])
 
 
@@ -22,24 +25,57 @@ def _wrench(theta: np.ndarray, s: np.ndarray, w: np.ndarray, alpha: np.ndarray) 
     return np.r_[force, np.cross(h, s) + J @ alpha + np.cross(w, J @ w)]
 
 
-def test_follow_feeds_forward_what_newton_and_euler_say(tmp_path: Path) -> None:
+def _nominal() -> np.ndarray:
+    """Ten parameters about P of CoGiRo's nominal body: its inertia moved by Steiner's theorem."""
+    body = tomllib.loads((COGIRO / "robot.toml").read_text())["nominal"]
+    m, c = body["mass"], np.array(body["cog"])
+    moved = m * (c @ c * np.eye(3) - np.outer(c, c))
+    J = np.array(body["inertia_cog"]) + moved[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    return np.r_[m, m * c, J]
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("follow") / "robot.cfg"
+    command = [sys.executable, "-m", "inertiad", "compile", COGIRO / "robot.toml", "-o", path]
+    subprocess.run(command, check=True, capture_output=True)
+    return path
+
+
+def _follow(url: str, config: Path) -> subprocess.CompletedProcess[str]:
+    program = [str(TOP / "build/bin/examples/follow"), url, str(config)]
+    return subprocess.run(program, capture_output=True, text=True, timeout=60)
+
+
+def _estimate(k: int, theta: np.ndarray) -> estimate_t:
+    """The k-th of one each second, known to 0.1 % or so."""
+    message = estimate_t()
+    message.sequence, message.t_ns, message.verdict = k, (k + 1) * 10**9, estimate_t.GOOD
+    message.theta, message.covariance = theta.tolist(), np.diag(np.full(10, 1e-3)).tolist()
+    message.observable = [True] * 10
+    return message
+
+
+def test_follow_feeds_forward_the_nominal_body_and_then_the_estimated_one(tmp_path: Path, config: Path) -> None:
     log = lcm.EventLog(str(tmp_path / "run.lcmlog"), "w")
-    for k in (1.0, 2.0):
-        message = estimate_t()
-        message.theta, message.covariance = (k * THETA).tolist(), np.eye(10).tolist()
-        log.write_event(int(k), "INERTIAD_ESTIMATE", message.encode())
+    for k in range(8):
+        log.write_event(k, "INERTIAD_ESTIMATE", _estimate(k, THETA).encode())
+    worse = _estimate(8, 1.2 * THETA)
+    worse.verdict = estimate_t.STOP
+    log.write_event(8, "INERTIAD_ESTIMATE", worse.encode())
     log.close()
-    program = [str(TOP / "build/bin/examples/follow"), f"file://{tmp_path}/run.lcmlog?speed=0", "9.81"]
-    done = subprocess.run(program, capture_output=True, text=True, timeout=20)
+    done = _follow(f"file://{tmp_path}/run.lcmlog?speed=0", config)
     assert done.returncode == 0, done.stderr
     lines = np.loadtxt(done.stdout.splitlines())
-    expected = _wrench(THETA, np.array([0.5, 0.0, 9.81]), np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.2, 0.0]))
-    np.testing.assert_allclose(lines, [expected, 2.0 * expected], atol=1e-5)
+    motion = np.array([0.5, 0.0, 9.81]), np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.2, 0.0])
+    nominal = _nominal()
+    np.testing.assert_allclose(lines[0], _wrench(nominal, *motion), atol=1e-5)
+    np.testing.assert_allclose(lines[-2:], 2 * [_wrench(THETA, *motion)], atol=1e-5)
+    assert "not used: acceptable; more of them in a row are needed" in done.stderr
+    assert "not used: its verdict is worse than allowed" in done.stderr
 
 
-def test_follow_names_a_wrong_url() -> None:
-    done = subprocess.run(
-        [str(TOP / "build/bin/examples/follow"), "nonsense://"], capture_output=True, text=True, timeout=20
-    )
+def test_follow_names_a_wrong_url(config: Path) -> None:
+    done = _follow("nonsense://", config)
     assert done.returncode == 2
     assert "nonsense://" in done.stderr

@@ -39,7 +39,16 @@ def stamp(line: str) -> float:
 
 
 def daemon(run: Path, log: Path, record: Path, *more: object, **how) -> subprocess.CompletedProcess:
-    command = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{log}", "--tracker", f"file:{run}/tracker.csv"]
+    command = [
+        DAEMON,
+        "-v",
+        "--config",
+        run / "robot.cfg",
+        "--bus",
+        f"file:{log}",
+        "--tracker",
+        f"file:{run}/tracker.csv",
+    ]
     arguments = [*command, "--lcm", "none", "--record", record, *more]
     return subprocess.run([str(a) for a in arguments], capture_output=True, text=True, timeout=60, **how)
 
@@ -164,7 +173,7 @@ wait $daemon
 
 def test_network_that_goes_and_comes_back_stops_neither_record_nor_estimate(run, tmp_path):
     record, estimate = tmp_path / "run.lcmlog", tmp_path / "estimate.json"
-    command = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log?speed=1"]
+    command = [DAEMON, "-v", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log?speed=1"]
     command += ["--tracker", f"file:{run}/tracker.csv", "--record", record, "--estimate", estimate]
     isolated = [*ISOLATED, "sh", "-c", NETWORK_GONE, "-", *map(str, command)]
     result = subprocess.run(isolated, capture_output=True, text=True, timeout=60)

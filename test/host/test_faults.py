@@ -47,7 +47,7 @@ def play(frames: scenarios.Frames, robot: Path) -> dict[str, int]:
     stamps = np.maximum.accumulate(START + np.array([f.due for f in frames]) + late)
     folder = robot.parent
     (folder / "can.log").write_text("".join(map(line, frames, stamps.tolist())))
-    command = [TOP / "build/bin/inertiad", "--config", robot / "robot.cfg", "--lcm", "none",
+    command = [TOP / "build/bin/inertiad", "-v", "--config", robot / "robot.cfg", "--lcm", "none",
                "--bus", f"file:{folder}/can.log", "--estimate", folder / "estimate.json"]  # fmt: skip
     result = subprocess.run([str(c) for c in command], capture_output=True, text=True, check=True)
     return faults.read_summary(result.stderr)

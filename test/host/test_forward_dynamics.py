@@ -19,7 +19,7 @@ from inertiad.model import forward_dynamics, payload, trajectory
 from inertiad.model.forward_dynamics import Plant
 from inertiad.model.inverse_dynamics import Mechanics, Swing, cable_mass_wrench, required_wrench, wrench_matrix
 from inertiad.robot import configuration, description
-from inertiad.robot.description import Nominal, inertia_matrix
+from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import reader
 from inertiad.simulate import simulator
 from inertiad.simulate.sensor_models import PRESETS

@@ -38,7 +38,7 @@ def run_with_gap(folder: Path, gap: float) -> Path:
 def daemon(run: Path) -> tuple[dict[str, int], signals_t]:
     """Counters of the last HEALTH, and the rows."""
     configuration.write(run / "robot.cfg", description.load(run / "robot.toml"), "robot.toml")
-    command = [TOP / "build/bin/inertiad", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log",
+    command = [TOP / "build/bin/inertiad", "-v", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log",
                "--tracker", f"file:{run}/tracker.csv", "--lcm", "none", "--record", run / "run.lcmlog",
                "--estimate", run / "estimate.json"]  # fmt: skip
     subprocess.run([str(c) for c in command], check=True, capture_output=True)

@@ -32,7 +32,7 @@ def run(tmp_path_factory) -> Path:
 
 
 def daemon(run: Path, *more: object) -> list[str]:
-    arguments = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log"]
+    arguments = [DAEMON, "-v", "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log"]
     return [str(a) for a in [*arguments, "--tracker", f"file:{run}/tracker.csv", *more]]
 
 

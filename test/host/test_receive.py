@@ -61,7 +61,7 @@ def running(library: Path, robot: Path, inertiactl, *options: str, **environment
     """The daemon, recording; its stderr is known afterwards."""
     folder = robot.parent
     inertiactl("compile", robot, "-o", folder / "robot.cfg")
-    command = [TOP / "build/bin/inertiad", *options, "--config", folder / "robot.cfg", "--bus", "socketcan:vcan0"]
+    command = [TOP / "build/bin/inertiad", "-v", *options, "--config", folder / "robot.cfg", "--bus", "socketcan:vcan0"]
     command += ["--lcm", "none", "--record", folder / "run.lcmlog"]
     environment |= os.environ | {"LD_PRELOAD": str(library)}
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:

@@ -2,7 +2,6 @@
 """Simulated physics against laws stated another way, and sensors against their stated levels."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from inertiad.model import inverse_dynamics, trajectory
 from inertiad.model.inverse_dynamics import Mechanics
 from inertiad.model.random_errors import Dice, wander
 from inertiad.robot import configuration, description
-from inertiad.robot.description import Nominal, inertia_matrix
+from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import encode, reader
 from inertiad.simulate import bus_timing, sensor_models, simulator
 from inertiad.simulate.sensor_models import PRESETS, Faults
@@ -455,12 +454,12 @@ def test_unknown_preset_suggests_one():
 def test_body_from_json_and_mass_option(cogiro, tmp_path):
     path = tmp_path / "body.json"
     path.write_text(BODY.model_dump_json())
-    assert simulator.body_of(cogiro, Path("robot.toml"), path, None) == BODY
-    assert simulator.body_of(cogiro, Path("robot.toml"), path, 99.0).mass == 99.0
-    assert simulator.body_of(cogiro, Path("robot.toml"), None, None) == cogiro.nominal
+    assert simulator.body_of(cogiro, path, None) == BODY
+    assert simulator.body_of(cogiro, path, 99.0).mass == 99.0
+    assert simulator.body_of(cogiro, None, None) == cogiro.nominal
     path.write_text('{"mass": 1')
     with pytest.raises(InputError, match="not JSON"):
-        simulator.body_of(cogiro, Path("robot.toml"), path, None)
+        simulator.body_of(cogiro, path, None)
 
 
 def through_the_core(folder):

@@ -161,6 +161,17 @@ def test_changed_coefficient_is_named_where_the_run_says_what_it_was_made_with(r
 
 
 @pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
+def test_run_compiled_blind_is_verified_without_nominal(run, record):
+    blind = description.load(run / "robot.toml").model_copy(update={"nominal": None})
+    record_configuration(run, record, configuration.compile_robot(blind, "run"))
+    checks = {c.name: c for c in verify.verify(verify.Options(run), lambda _: None)}
+    assert [c for c in checks.values() if c.passed is False] == []
+    assert checks["robot.toml"].detail.endswith("the configuration of the run, compiled --blind")
+    edit(run / "robot.toml", "weight_per_length = 0.628", "weight_per_length = 0.640")
+    assert "cable[1].weight_per_length is 0.64, " in failed(run)["robot.toml"]
+
+
+@pytest.mark.parametrize("record", ["robot.cfg", "run.lcmlog"])
 def test_configuration_of_another_version_leaves_what_has_changed_open(run, record):
     data = (
         bytes(8) + configuration.compile_robot(description.load(run / "robot.toml"), "run")[8:]

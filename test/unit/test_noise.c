@@ -112,6 +112,15 @@ static void test_push_alternating_innovations_never_make_noise_vanish(void)
     for (int i = 0; i < IPE_NY; ++i) { TEST_ASSERT_TRUE(noise.L[i][i] > 0.0 && isfinite(noise.L[i][i])); }  // then
 }
 
+static void test_weight_of_a_window_that_stands_out_falls_as_huber_has_it(void)
+{
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, ipe_noise_weight(0.0));            // when, then: noise keeps its weight
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, ipe_noise_weight(30.0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.5, ipe_noise_weight(120.0));  // its pull grows as the distance, no further
+    TEST_ASSERT_EQUAL_DOUBLE(ipe_noise_weight(1e6), ipe_noise_weight(1e9));  // a lasting misfit is not thrown away
+    TEST_ASSERT_TRUE(ipe_noise_weight(1e9) > 0.0);
+}
+
 static void test_restart_separates_what_came_before(void)
 {
     const double e[IPE_NY] = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0};  // given
@@ -134,6 +143,7 @@ int main(void)
     RUN_TEST(test_push_innovation_of_unknown_states_teaches_nothing);
     RUN_TEST(test_push_nonfinite_innovation_changes_nothing);
     RUN_TEST(test_push_alternating_innovations_never_make_noise_vanish);
+    RUN_TEST(test_weight_of_a_window_that_stands_out_falls_as_huber_has_it);
     RUN_TEST(test_restart_separates_what_came_before);
     return UNITY_END();
 }

@@ -79,7 +79,14 @@ class Patient:
         if "--lcm" not in options:
             options += ["--lcm", "none"]
         address = f"socketcan:{self.bus}" + ("" if self.facts["filter"] else "?filter=off")
-        command = [TOP / "build/bin/inertiad", "--config", RUNS / self.facts["robot"] / "robot.cfg", "--bus", address]
+        command = [
+            TOP / "build/bin/inertiad",
+            "-v",
+            "--config",
+            RUNS / self.facts["robot"] / "robot.cfg",
+            "--bus",
+            address,
+        ]
         self.estimate = self.folder / "estimate.json"
         self.errors = self.folder / "stderr.txt"
         with self.errors.open("wb") as file:

@@ -43,7 +43,15 @@ def write_estimate(run: Path) -> None:
     """The daemon's result on a run, from its files, into the run."""
     subprocess.run([TOOL, "compile", run / "robot.toml", "-o", run / "robot.cfg"], check=True, capture_output=True)
     files = ["--bus", f"file:{run}/can.log", "--tracker", f"file:{run}/tracker.csv", "--lcm", "none"]
-    command = [TOP / "build/bin/inertiad", "--config", run / "robot.cfg", *files, "--estimate", run / "estimate.json"]
+    command = [
+        TOP / "build/bin/inertiad",
+        "-v",
+        "--config",
+        run / "robot.cfg",
+        *files,
+        "--estimate",
+        run / "estimate.json",
+    ]
     subprocess.run(command, check=True, capture_output=True)
 
 

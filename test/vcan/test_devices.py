@@ -31,7 +31,7 @@ def test_imu_and_two_amplifiers_on_two_buses_are_all_taken_and_tell_the_truth(tm
     frames = [line.split()[1:] for line in (RUN / "can.log").read_text().splitlines()]
     n = {bus: sum(name == f"can{bus}" for name, _ in frames) for bus in range(2)}
     buses = ["--bus", "socketcan:vcan0?filter=off", "--bus", "socketcan:vcan1?filter=off"]
-    command = [TOP / "build/bin/inertiad", "--config", RUN / "robot.cfg", *buses, "--lcm", URL]
+    command = [TOP / "build/bin/inertiad", "-v", "--config", RUN / "robot.cfg", *buses, "--lcm", URL]
     command += ["--estimate", tmp_path / "estimate.json"]
     daemon = subprocess.Popen([str(c) for c in command], stderr=subprocess.PIPE, text=True)
     try:

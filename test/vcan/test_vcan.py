@@ -40,7 +40,7 @@ class Daemon:
         self.counters: dict[str, int] = {}
         self.lcm = lcm.LCM(URL)
         self.lcm.subscribe("INERTIAD_HEALTH", self._on_health)
-        command = [BIN / "inertiad", "--config", robot / "robot.cfg", "--bus", bus, "--lcm", URL, *options]
+        command = [BIN / "inertiad", "-v", "--config", robot / "robot.cfg", "--bus", bus, "--lcm", URL, *options]
         self.process = subprocess.Popen([str(c) for c in command], stderr=subprocess.PIPE, text=True)
 
     def _on_health(self, _channel: str, data: bytes) -> None:
@@ -252,7 +252,7 @@ def test_interface_that_goes_down_and_up_is_taken_up_again():
 
 
 def test_absent_interface_is_one_line_and_exit_status_2():
-    command = [BIN / "inertiad", "--config", CLASSICAL / "robot.cfg", "--bus", "socketcan:vcan9", "--lcm", "none"]
+    command = [BIN / "inertiad", "-v", "--config", CLASSICAL / "robot.cfg", "--bus", "socketcan:vcan9", "--lcm", "none"]
     result = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=PATIENCE)
     assert result.returncode == 2
     assert len(result.stderr.splitlines()) == 1

@@ -11,9 +11,10 @@
 /// taken if the cost falls, or if the next step, in the present metric, is shorter (the natural level function of Deuflhard,
 /// Newton Methods for Nonlinear Problems, 3.3: an instrument-like derivative has no cost whose minimum it leads to); else it
 /// is damped more. V_run, the residuals' long-run covariance (long_run.hpp), starts from the residuals of theta alone, which
-/// are the widest, and is renewed until it stays. Converged: weights at rest, and the next undamped step, and with it the
-/// gradient in that metric, below 0.001 posterior sigmas of every unknown, or below 0.05 and no longer shrinking (rows at a
-/// gap come and go with a delay).
+/// are the widest, and is renewed until it stays; once it is learnt, windows that stand out count for less
+/// (ipe_noise_weight()). Converged: weights at rest, and the way left, a short step of a creeping series being a long way,
+/// below 0.001 posterior sigmas of every unknown, or below 0.05 and no longer shrinking (rows at a gap come and go with a
+/// delay).
 /// As soon as xi is estimated two more errors are modelled: where the attachments really are, known to std_geometry, is
 /// unknown too, else a millimetre of it would pass for newtons of offset; and the attitude wanders about its bias, see
 /// filter_states.h: a Kalman filter of that alone takes it out of the rows, which then are as independent as their noise. Known
@@ -48,6 +49,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
     if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }
+    problem.blocks(result.block, result.H_prior);
     for (int g = 0; g < problem.n_groups; ++g) {
         try {
             result.body.push_back(detail::publish_body(problem, g));
@@ -55,7 +57,6 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
             throw NoBody(error.what());
         }
     }
-    problem.blocks(result.block, result.H_prior);
     result.fit = problem.fit;
     result.free = problem.free;
     result.prior_std = problem.scale;

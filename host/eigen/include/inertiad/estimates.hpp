@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The daemon's estimates for a C++ controller: the newest ESTIMATE message, and the wrench a motion needs.
+/// The daemon's estimates for a C++ controller: the newest ESTIMATE message, and the wrench a motion needs. What a control
+/// loop should use of them is decided by parameter_gate.hpp.
 ///
 ///   wrench = Y(s, w, alpha) theta,   s = R^T (a + g z)         about P, platform axes
 /// One thread: handle() takes in what has come; ready within the time given or not at all. liblcm allocates per message.
 #pragma once
 
 #include "body.hpp"
+#include "parameter_gate.hpp"
 
 #include <lcm/lcm.h>
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
 
@@ -43,26 +46,24 @@ public:
     bool handle(int timeout_ms) { return lcm_handle_timeout(lcm_, timeout_ms) >= 0; }
     /// Messages so far.
     int count() const noexcept { return count_; }
-    /// m, h, J about P, of the newest.
-    const Theta& theta() const noexcept { return theta_; }
-    const Covariance& covariance() const noexcept { return covariance_; }
-    /// Is it a body that can exist, as measured?
-    bool is_consistent() const noexcept { return is_consistent_; }
+    /// The newest, as a gate takes it.
+    const ipe_gate_estimate_t& newest() const noexcept { return newest_; }
 
 private:
     static void on_message(const lcm_recv_buf_t*, const char*, const inertiad_lcm_estimate_t* message, void* user)
     {
         auto* self = static_cast<Estimates*>(user);
-        self->theta_ = Eigen::Map<const Theta>(message->theta);
-        self->covariance_ = Eigen::Map<const Covariance>(&message->covariance[0][0]);
-        self->is_consistent_ = message->consistent != 0;
+        ipe_gate_estimate_t& e = self->newest_;
+        e.sequence = message->sequence, e.t_ns = message->t_ns, e.n_changes = message->n_changes;
+        e.verdict = message->verdict;
+        std::copy(message->theta, message->theta + IPE_NP, e.theta);
+        std::copy(&message->covariance[0][0], &message->covariance[0][0] + IPE_NP * IPE_NP, &e.covariance[0][0]);
+        for (int i = 0; i < IPE_NP; ++i) { e.observable[i] = message->observable[i] != 0; }
         ++self->count_;
     }
 
     lcm_t* lcm_;
-    Theta theta_ = Theta::Zero();
-    Covariance covariance_ = Covariance::Zero();
-    bool is_consistent_ = false;
+    ipe_gate_estimate_t newest_{};
     int count_ = 0;
 };
 

@@ -13,6 +13,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
+#include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -31,6 +33,8 @@ struct RowMotion {
 
 namespace detail {
 
+constexpr double LONGEST_TIME = 1e4;  // s, of an attitude error's correlation, as in firmware/core/motion.c
+
 using MotionVector = Eigen::Matrix<double, IPE_MOTION_STATES, 1>;
 using MotionSquare = Eigen::Matrix<double, IPE_MOTION_STATES, IPE_MOTION_STATES, Eigen::RowMajor>;
 using MotionBy = Eigen::Matrix<double, IPE_MOTION_STATES, IPE_MOTION_NP, Eigen::RowMajor>;
@@ -43,7 +47,8 @@ struct MotionNode {
     MotionBy S, S_predicted;
     MotionVector correction;
     Eigen::Vector3d beta, kappa;
-    MotionVector error;  ///< e of the whole run
+    MotionVector error;           ///< e of the whole run
+    Eigen::Vector3d correlation;  ///< of the attitude's error with that at the next node, given the whole run
 };
 
 inline MotionNode node_of(const ipe_motion_stage_t& m, std::size_t row, bool is_start)
@@ -60,7 +65,8 @@ inline MotionNode node_of(const ipe_motion_stage_t& m, std::size_t row, bool is_
             MotionVector(Eigen::Map<const MotionVector>(m.epoch->correction)),
             Eigen::Vector3d(m.beta),
             Eigen::Vector3d(m.kappa),
-            MotionVector::Zero()};
+            MotionVector::Zero(),
+            Eigen::Vector3d::Ones()};
 }
 
 /// P, S and error of the nodes, given the whole run.
@@ -75,7 +81,12 @@ inline void smooth(std::vector<MotionNode>& node)
         const MotionSquare scaled = scale.asDiagonal() * b.Phi * a.P;
         const MotionSquare C = (scale.asDiagonal() * unit.ldlt().solve(scaled)).transpose();
         a.error = C * (b.correction + b.error);
+        const MotionSquare with_next = C * b.P;
         a.P += C * (b.P - b.P_predicted) * C.transpose();
+        for (int i = 0; i < 3; ++i) {
+            const int k = IPE_MOTION_PHI + i;
+            a.correlation[i] = with_next(k, k) / std::sqrt(a.P(k, k) * b.P(k, k));
+        }
         a.S += C * (b.S - b.S_predicted);
     }
 }
@@ -101,10 +112,14 @@ inline void correct(const ipe_config_t& c, const Eigen::Matrix3d& R_PI, const Mo
     v = kept_v + e.segment<3>(IPE_MOTION_V) - R * w.cross(imu);
 }
 
-inline void set_error(const MotionNode& at, ipe_attitude_error_t& error)
+/// The error of a node's attitude, whose next node is `step` [s] away. What the forward filter has of the time is how fast
+/// measurements reduce its error; given the whole run the error hardly changes where the gyro hardly drifts.
+inline void set_error(const MotionNode& at, double step, ipe_attitude_error_t& error)
 {
     for (int i = 0; i < 3; ++i) {
         const double variance = at.P(IPE_MOTION_PHI + i, IPE_MOTION_PHI + i);
+        const double loss = -std::log(std::clamp(at.correlation[i], 1e-9, 1.0));
+        error.attitude_time[i] = std::min(step / std::max(loss, 1e-9), LONGEST_TIME);
         for (int k = 0; k < IPE_MOTION_NP; ++k) {
             error.attitude[i][k] = at.S(IPE_MOTION_PHI + i, k);
             error.force_scale[i][k] = at.S(IPE_MOTION_BETA + i, k);
@@ -146,12 +161,13 @@ inline std::vector<RowMotion> smoothed_motion(const Config& config, const std::v
         const detail::MotionNode& a = node[i];
         const std::size_t end = i + 1 < node.size() ? node[i + 1].row : rows.size();
         const bool leads_on = i + 1 < node.size() && !node[i + 1].is_start;
+        const double step = 1e-9 * static_cast<double>(rows[std::min(end, rows.size() - 1)].t_ns - rows[a.row].t_ns);
         const detail::MotionVector after = leads_on ? (node[i + 1].correction + node[i + 1].error).eval() : a.error;
         for (std::size_t k = a.row; k < end; ++k) {
             if (!found[k].is_known) { continue; }
             const double share = static_cast<double>(k - a.row) / static_cast<double>(end - a.row);
             detail::correct(c, R_PI, a, a.error + share * (after - a.error), found[k].has_position, found[k].motion);
-            detail::set_error(a, found[k].motion.error);
+            detail::set_error(a, step, found[k].motion.error);
         }
     }
     return found;

@@ -289,6 +289,7 @@ nb::dict solve(const inertiad::Config& config, const std::vector<const Rows*>& r
     for (const auto& b : r.block) { blocks.append(block_result(b)); }
     d["body"] = bodies, d["fit"] = fits, d["xi"] = r.xi, d["xi_std"] = r.xi_std, d["free"] = r.free;
     d["covariance"] = r.P, d["prior_std"] = r.prior_std, d["n_steps"] = r.n_steps, d["last_step"] = r.last_step;
+    d["slowest"] = r.slowest, d["weight_change"] = r.weight_change;
     d["converged"] = r.is_converged, d["refused"] = r.refused;
     d["blocks"] = blocks, d["prior_information"] = r.H_prior;
     return d;

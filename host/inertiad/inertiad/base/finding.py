@@ -48,6 +48,12 @@ def verdict(findings: Iterable[Finding]) -> Severity:
     return min((finding.severity for finding in findings), key=ORDER.index, default="good")
 
 
+def document(findings: Iterable[Finding]) -> dict[str, Any]:
+    """verdict and findings, as in estimate.json."""
+    found = ordered(findings)
+    return {"verdict": verdict(found), "findings": [finding.document() for finding in found]}
+
+
 def lines(findings: Iterable[Finding]) -> list[str]:
     """For a terminal: the headline and what is not good, a line each."""
     found = ordered(findings)

@@ -65,11 +65,17 @@ def split(text: str) -> tuple[str, str]:
     return (match[1], (match[2] or "").strip()) if match else (text.strip(), "")
 
 
+def plain(unit: str) -> str:
+    """A unit in the spelling of SI_VALUE: "m/s²" -> "m/s2"."""
+    text = unit.strip().strip("[]()").replace(" ", "")
+    for spelling, simple in _SPELLINGS.items():
+        text = text.replace(spelling, simple)
+    return text
+
+
 def unit_factor(unit: str | None, dimension: Dimension) -> float:
     """SI value of one of the unit. KeyError if it does not measure the dimension; its text lists the units that do."""
-    text = (unit or "").strip().strip("[]").replace(" ", "")
-    for spelling, plain in _SPELLINGS.items():
-        text = text.replace(spelling, plain)
+    text = plain(unit or "")
     known = SI_VALUE[dimension]
     if text == "":
         return 1.0

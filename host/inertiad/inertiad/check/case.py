@@ -41,6 +41,8 @@ class Case:
     positions: list[tuple[int, list[float]]]
     bindings: list[Binding]
     run: Path
+    is_blind: bool = False
+    """compiled without [nominal]"""
 
     @property
     def config(self) -> Any:

@@ -49,6 +49,22 @@ def check_record(case: Case) -> Iterator[Check]:
     yield Check("record", not remarks, "; ".join(remarks) or f"{n} messages of {log.name} are undamaged")
 
 
+def _differences(was: robot_config_t, config: bytes) -> dict[str, str]:
+    """configuration.differences() without the gyro's bias, which the daemon learns itself."""
+    differs = configuration.differences(was, robot_config_t.decode(config[:-4]))
+    return {key: what for key, what in differs.items() if not key.startswith("gyro_bias")}
+
+
+def is_blind(run: Path, given: Path | None, full: bytes, blind: bytes) -> bool:
+    """Whether the configuration of a run, or a given one, is closer to the robot's without [nominal] than with it."""
+    data = _record_of_configuration(run)[1] if given is None else given.read_bytes()[:-4]
+    try:
+        was = robot_config_t.decode(data) if data is not None else None
+    except (ValueError, struct.error):
+        was = None
+    return was is not None and len(_differences(was, blind)) < len(_differences(was, full))
+
+
 def check_description(case: Case) -> Iterator[Check]:
     """robot.toml and its DBC files still give the configuration of the run."""
     name, data = _record_of_configuration(case.run)
@@ -61,12 +77,13 @@ def check_description(case: Case) -> Iterator[Check]:
     except (ValueError, struct.error):
         yield Check("robot.toml", None, f"{unknown}{name} was written by another version")
         return
-    differs = configuration.differences(was, robot_config_t.decode(case.config_bytes[:-4]))
-    differs = {key: what for key, what in differs.items() if not key.startswith("gyro_bias")}  # it learns that itself
+    differs = _differences(was, case.config_bytes)
     shown = "; ".join(f"{key} is {what}" for key, what in list(differs.items())[:DIFFERENCES_SHOWN])
     more = len(differs) - DIFFERENCES_SHOWN
     detail = f"differs from {name}, the configuration of the run: {shown}" + (f"; and {more} more" if more > 0 else "")
-    yield Check("robot.toml", not differs, detail if differs else f"equals {name}, the configuration of the run")
+    blind = ", compiled --blind" if case.is_blind else ""
+    equal = f"equals {name}, the configuration of the run{blind}"
+    yield Check("robot.toml", not differs, detail if differs else equal)
 
 
 def check_daemon(case: Case) -> Iterator[Check]:

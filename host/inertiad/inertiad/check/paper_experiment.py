@@ -94,7 +94,7 @@ def experiment(robot_file: Path, seed: int) -> Experiment:
     """Simulate, read, identify by both methods."""
     robot = description.load(robot_file)
     level = sensor_models.faults(FAULTS)
-    body = simulator.body_of(robot, robot_file, None, None)
+    body = simulator.body_of(robot, None, None)
     what = simulator.Run(robot_file, robot, body, trajectory.paper(), "paper", level, FAULTS, level.rate, seed)
     with tempfile.TemporaryDirectory() as folder:
         simulator.simulate(what, Path(folder), lambda _: None)
@@ -112,7 +112,7 @@ def reproduce(robot_file: Path, first_seed: int, n: int, n_processes: int | None
     if n < 1:
         raise InputError(f"--seeds {n}: allowed: 1 or more")
     robot = description.load(robot_file)
-    nominal = simulator.body_of(robot, robot_file, None, None)
+    nominal = simulator.body_of(robot, None, None)
     found = []
     with ProcessPoolExecutor(n_processes) as pool:
         waiting = [pool.submit(experiment, robot_file, first_seed + i) for i in range(n)]

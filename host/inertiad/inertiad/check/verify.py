@@ -6,6 +6,7 @@ rows with a decoder of our own (from the DBC, in numpy). Rows and estimates are 
 recomputation by the same core from RAW and ORDER, in the order in which the daemon used them. The last estimate is
 compared with the joint batch solver on the published rows, and with the truth of a simulated run. robot.toml and its
 DBC files are compared with the configuration of the run, if it is in the daemon's record run.lcmlog or in robot.cfg.
+A run compiled --blind is verified without [nominal].
 """
 
 import json
@@ -105,6 +106,11 @@ def verify(options: Options, progress: Callable[[str], None]) -> list[Check]:
     source = options.run / "robot.toml"
     robot = description.load(source)
     data = configuration.compile_robot(robot, str(source))
+    blind_robot = robot.model_copy(update={"nominal": None})
+    blind_data = configuration.compile_robot(blind_robot, str(source))
+    is_blind = input_checks.is_blind(options.run, options.config, data, blind_data)
+    if is_blind:
+        robot, data = blind_robot, blind_data
     log = canlog.read(options.run / "can.log")
     with tempfile.TemporaryDirectory(prefix="inertiad-") as name:
         setup = _setup(options, robot, data, Path(name))
@@ -116,7 +122,7 @@ def verify(options: Options, progress: Callable[[str], None]) -> list[Check]:
         positions = daemon_run.positions_of(setup, published)
         bindings = dbc.bind(robot, str(source))
         raw = published.frames(setup.n_buses)
-        case = Case(robot, data, given, log, raw, published, positions, bindings, options.run)
+        case = Case(robot, data, given, log, raw, published, positions, bindings, options.run, is_blind)
         return judge(case, options.latency_max)
 
 

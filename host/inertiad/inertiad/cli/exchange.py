@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from inertiad.base.channels import DEFAULT_PREFIX
-from inertiad.cli.options import RunFolder, progress_shown, say
+from inertiad.cli.options import RunFolder, is_stdout, progress_shown, say, written
 
 commands = typer.Typer()
 
@@ -21,7 +21,7 @@ def export_command(
         str,
         typer.Option("--to", metavar="FORMAT", help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json."),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write; -: stdout.")],
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where the run has none.")
     ] = None,
@@ -37,8 +37,11 @@ def export_command(
     remarks: list[str] = []
     with progress_shown() as progress:
         progress(f"write {output}")
-        written = convert.export(run, to, output, robot, prefix, remarks)
-    for line in (*remarks, *written):
+        with written(output, f".{to}") as path:
+            contents = convert.export(run, to, path, robot, prefix, remarks)
+        if is_stdout(output) and len(contents) > 1:
+            remarks.append(f"-: the first of {len(contents)} tables only; with a FILE each gets a file of its own")
+    for line in remarks if is_stdout(output) else (*remarks, *contents):
         say(line)
 
 
@@ -51,13 +54,25 @@ def import_command(
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description to put into the run.")
     ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option("--map", metavar="MAP", help="Channels by quantity, TOML, as import proposes it.")
+    ] = None,
 ) -> None:
-    """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them."""
-    from inertiad.exchange import convert
+    """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them.
+
+    A CSV with other names, units or separators, or with sensors of different rates: its channels are listed, a mapping
+    to quantities is proposed from names, units and values, used, and written into RUN, to be changed and given back
+    by --map.
+    """
+    from inertiad.exchange import channels, convert, foreign_import
 
     remarks: list[str] = []
     with progress_shown() as progress:
         progress(f"read {file}")
-        written = convert.import_file(file, output, robot, remarks)
-    for line in (*remarks, *written):
+        if mapping is not None or convert.is_foreign(file):
+            chosen = None if mapping is None else channels.read_mapping(mapping)
+            contents = foreign_import.import_mapped(file, output, robot, chosen, remarks)
+        else:
+            contents = convert.import_file(file, output, robot, remarks)
+    for line in (*remarks, *contents):
         say(line)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from inertiad.cli.options import RobotFile, command_line, progress_shown, say
+from inertiad.cli.options import RobotFile, command_line, progress_shown, say, say_written, teller, written
 
 commands = typer.Typer()
 
@@ -18,7 +18,7 @@ def fit(
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
     ] = None,
     method: Annotated[str, typer.Option(metavar="joint|wls|iv|paper", help="Method; see below.")] = "joint",
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write estimate.json.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write estimate.json; -: stdout.")] = None,
     validate: Annotated[
         list[Path] | None,
         typer.Option("--validate", metavar="RUN", help="Run that is not fitted, to test the prediction on."),
@@ -40,18 +40,17 @@ def fit(
         described, recordings = fitter.read(runs, robot, method)
         done = identification.identify(method, described, recordings, validate or [], robot, progress)
     if done.estimate is not None:
-        typer.echo(fitter.text(done.estimate, fitter.truth_of(runs)))
+        teller(json)(fitter.text(done.estimate, fitter.truth_of(runs)))
         for line in fitter.remarks(done.estimate, recordings, done.validations):
             say(line)
     for line in finding.lines(done.findings):
         say(line)
     if json is not None:
-        estimate_document.write(
-            json,
-            estimate_document.document(
-                described, done.estimate, recordings, done.validations, done.findings, done.segments
-            ),
+        document = estimate_document.document(
+            described, done.estimate, recordings, done.validations, done.findings, done.segments
         )
+        with written(json) as path:
+            estimate_document.write(path, document)
     if finding.verdict(done.findings) == "stop":
         raise typer.Exit(1)
 
@@ -63,7 +62,8 @@ def report(
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, where a run has none.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN; -: stdout."),
     ] = None,
     figures: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
@@ -73,11 +73,11 @@ def report(
     from inertiad.report import document
 
     page = output or (runs[0] / "report.html" if len(runs) == 1 and runs[0].is_dir() else Path("report.html"))
-    with progress_shown() as progress:
-        summary = document.write(runs, robot, page, figures, command_line(), progress)
+    with progress_shown() as progress, written(page) as path:
+        summary = document.write(runs, robot, path, figures, command_line(), progress)
     for line in summary:
         say(line)
-    say(f"{page}: written")
+    say_written(page)
 
 
 @commands.command(epilog="Example: inertiactl paper --seeds 30 -o paper.html")
@@ -85,9 +85,11 @@ def paper(
     seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Experiments.")] = 30,
     first: Annotated[int, typer.Option(metavar="N", min=0, help="First seed.")] = 1000,
     robot: Annotated[
-        Path | None, typer.Option("--robot", metavar="ROBOT", help=r"Robot with a \[nominal] body; default: CoGiRo.")
+        Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot with a [nominal] body; default: CoGiRo.")
     ] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write.")] = Path("paper.html"),
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write; -: stdout.")] = Path(
+        "paper.html"
+    ),
     figures: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
     ] = None,
@@ -99,16 +101,19 @@ def paper(
     with progress_shown() as progress:
         found = paper_experiment.reproduce(robot or paper_experiment.ROBOT, first, seeds, None, progress)
         progress("draw")
-        reproduction.write(found, output, figures, command_line())
-    typer.echo(reproduction.text(found))
-    say(f"{output}: written")
+        with written(output) as path:
+            reproduction.write(found, path, figures, command_line())
+    teller(output)(reproduction.text(found))
+    say_written(output)
 
 
 @commands.command(epilog="Example: inertiactl calibrate robot.toml run1 run2 --payload run2=20.0 -o calibration.toml")
 def calibrate(
     robot: RobotFile,
     runs: Annotated[list[Path], typer.Argument(metavar="RUN|SIGNALS.csv...", help="Runs with the same sensors.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Calibration to write, TOML.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Calibration to write, TOML; -: stdout.")
+    ],
     payload: Annotated[
         list[str] | None, typer.Option("--payload", metavar="RUN=KG", help="Known added mass in a run.")
     ] = None,
@@ -116,9 +121,9 @@ def calibrate(
         Path | None, typer.Option(metavar="FILE", help="CSV t,f_1..f_m recorded with no tension in any cable.")
     ] = None,
 ) -> None:
-    r"""Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
+    """Estimate the sensors' systematic errors, name unobservable ones, and write the calibration for robot.toml.
 
-    In robot.toml: \[calibration] file = "calibration.toml". Exit status 0: written, 1: not to be used, so
+    In robot.toml: [calibration] file = "calibration.toml". Exit status 0: written, 1: not to be used, so
     not written, 2: bad usage or input.
     """
     from inertiad.base import finding
@@ -128,7 +133,7 @@ def calibrate(
     with progress_shown() as progress:
         progress("read and solve")
         result, recordings = calibrator.main(robot, runs, payload or [], tare)
-    typer.echo(calibrator.text(result))
+    teller(output)(calibrator.text(result))
     for mass, estimate in zip(result.payloads, result.estimates, strict=True):
         say(f"payload {mass:g} kg: mass {estimate.body.value[0]:.3f} ± {estimate.body.std[0]:.3f} kg")
     for line in fitter.remarks(result.estimates[0], recordings, []):
@@ -142,23 +147,27 @@ def calibrate(
     if finding.verdict(result.findings) == "stop":
         say(f"{output}: not written")
         raise typer.Exit(1)
-    calibrator.write(output, result)
-    say(f"{output}: written")
+    with written(output) as path:
+        calibrator.write(path, result)
+    say_written(output)
 
 
 @commands.command(epilog="Example: inertiactl sync run")
 def sync(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN; -: stdout.")
+    ] = None,
 ) -> None:
-    r"""Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
+    """Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
 
-    In robot.toml: \[calibration] sync = "sync.json", for compile, fit and all others.
+    In robot.toml: [calibration] sync = "sync.json", for compile, fit and all others.
     """
     from inertiad.identify import sync as synchroniser
 
     with progress_shown() as progress:
         found = synchroniser.sync(run, progress)
     for line in synchroniser.text(found):
-        typer.echo(line)
-    synchroniser.write(json or run / "sync.json", found)
+        teller(json)(line)
+    with written(json or run / "sync.json") as path:
+        synchroniser.write(path, found)

@@ -8,7 +8,7 @@ import typer
 
 from inertiad.base.channels import DEFAULT_PREFIX, DEFAULT_URL
 from inertiad.base.error import InputError
-from inertiad.cli.options import Prefix, RunFolder, Url, progress_shown, say
+from inertiad.cli.options import Json, Prefix, RunFolder, Url, progress_shown, say, write_json
 
 commands = typer.Typer()
 
@@ -115,6 +115,7 @@ def record(
         str, typer.Option(metavar="REGEX", help="LCM channels to log; default: all with the prefix, POSE too.")
     ] = "",
     seconds: Annotated[float | None, typer.Option(metavar="S", min=0.0, help="Stop after this long.")] = None,
+    json: Json = None,
     url: Url = DEFAULT_URL,
     prefix: Prefix = DEFAULT_PREFIX,
 ) -> None:
@@ -129,5 +130,8 @@ def record(
     described = tracker_protocols.Layout(
         form, named, separator, layout, unit, time_unit, wrap, body, device_time, natnet_version
     )
-    for line in recorder.record(recorder.Options(address, described, output, url, prefix, seconds, channels)):
+    summary = recorder.record(recorder.Options(address, described, output, url, prefix, seconds, channels))
+    for line in summary.lines:
         say(line)
+    if json is not None:
+        write_json(json, summary.document)

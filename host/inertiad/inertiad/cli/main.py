@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """inertiactl: the command line. Commands only parse, call one module and print its result.
 
-Exit codes: 0 good, 1 a check failed, 2 bad usage or input, with one line on stderr.
+Exit codes: 0 good, 1 a check failed, 2 bad usage or input, with a line on stderr for each mistake.
 """
 
 import sys
@@ -12,7 +12,7 @@ from typer.exceptions import TyperException
 
 from inertiad.base.error import InputError
 from inertiad.base.version import version
-from inertiad.cli import exchange, identify, live, robot, run
+from inertiad.cli import exchange, identify, live, robot, run, start
 from inertiad.cli.options import say
 
 HELP = {"help_option_names": ["-h", "--help"]}
@@ -22,11 +22,11 @@ app = typer.Typer(
     help="Describe a robot, simulate or import a run, watch the daemon's estimate.",
     context_settings=HELP,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for module in (robot, run, identify, live, exchange):
+for module in (start, robot, run, identify, live, exchange):
     app.add_typer(module.commands)
 
 
@@ -45,12 +45,26 @@ def _options(
     """Describe a robot, simulate or import a run, watch the daemon's estimate."""
 
 
+def _keep_brackets(command: Any) -> None:
+    """Brackets in help texts are brackets, as in [nominal], and no markup."""
+    for name in ("help", "epilog"):
+        if text := getattr(command, name, None):
+            setattr(command, name, text.replace("[", r"\["))
+    for parameter in command.params:
+        if text := getattr(parameter, "help", None):
+            parameter.help = text.replace("[", r"\[")
+    for below in getattr(command, "commands", {}).values():
+        _keep_brackets(below)
+
+
 def main() -> None:
     """Run the command line and exit."""
+    command = typer.main.get_command(app)
+    _keep_brackets(command)
     try:
-        code: Any = app(prog_name="inertiactl", standalone_mode=False)
+        code: Any = command(prog_name="inertiactl", standalone_mode=False)
     except InputError as error:
-        _fail(str(error))
+        _fail(*error.lines)
     except TyperException as error:
         if not error.format_message():  # no arguments: the help has been shown
             sys.exit(2)
@@ -62,6 +76,7 @@ def main() -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _fail(text: str) -> NoReturn:
-    say(f"inertiactl: {' '.join(text.split())}")
+def _fail(*lines: str) -> NoReturn:
+    for line in lines:
+        say(f"inertiactl: {' '.join(line.split())}")
     sys.exit(2)

@@ -6,7 +6,18 @@ from typing import Annotated
 
 import typer
 
-from inertiad.cli.options import RobotFile, progress_shown, say
+from inertiad.cli.options import (
+    Json,
+    RobotFile,
+    command_line,
+    is_stdout,
+    only_one_to_stdout,
+    progress_shown,
+    say,
+    say_written,
+    write_json,
+    written,
+)
 
 commands = typer.Typer()
 
@@ -14,28 +25,63 @@ commands = typer.Typer()
 @commands.command("compile", epilog="Example: inertiactl compile firmware/robots/cogiro/robot.toml -o robot.cfg")
 def compile_command(
     robot: RobotFile,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Configuration to write.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Configuration to write; -: stdout.")],
     blind: Annotated[
-        bool, typer.Option("--blind", help=r"Leave \[nominal] out: the estimate starts from nothing.")
+        bool, typer.Option("--blind", help="Leave [nominal] out: the estimate starts from nothing.")
     ] = False,
+    json: Json = None,
 ) -> None:
     """Check a robot description and its DBC files and write the daemon's configuration.
 
-    Every key of robot.toml with its default: python -m pydoc inertiad.robot.description
+    All mistakes are listed at once. Lines that begin with care: allowed, but most likely wrong. Every key of robot.toml
+    with its range and default: inertiactl help robot.toml
     """
-    from inertiad.robot import configuration, description
+    from inertiad.base import finding
+    from inertiad.robot import description, geometry
 
+    only_one_to_stdout(output, json)
     described = description.load(robot)
     if blind:
         described = described.model_copy(update={"nominal": None})
-    n_bytes = configuration.write(output, described, str(robot))
-    say(f"{output}: {n_bytes} bytes")
+    data, findings = geometry.compiled(described, str(robot))
+    with written(output) as path:
+        path.write_bytes(data)
+    for line in finding.lines(findings)[1:]:
+        say(line)
+    if not is_stdout(output):
+        say(f"{output}: {len(data)} bytes")
+    if json is not None:
+        write_json(
+            json, {"robot": described.name, "file": str(output), "bytes": len(data), **finding.document(findings)}
+        )
+
+
+@commands.command(epilog="Example: inertiactl view robot.toml -o robot.html")
+def view(
+    source: Annotated[Path, typer.Argument(metavar="ROBOT|RUN", help="Robot description, or a run folder with one.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write; -: stdout.")] = Path(
+        "view.html"
+    ),
+) -> None:
+    """Draw a robot as a page in 3D: anchors, pulleys, cables, platform, sensors, workspace; of a run also the motion.
+
+    The page opens without a network and lists what looks wrong in the description.
+    """
+    from inertiad.report import view as viewer
+
+    with progress_shown() as progress, written(output) as path:
+        lines = viewer.write(source, path, command_line(), progress)
+    for line in lines:
+        say(line)
+    say_written(output)
 
 
 @commands.command(epilog="Example: inertiactl excite firmware/robots/cogiro/robot.toml --duration 20 -o excite.csv")
 def excite(
     robot: RobotFile,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Pose CSV; beside it FILE.json.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Pose CSV, beside it FILE.json; -: stdout.")
+    ],
     motion: Annotated[
         str, typer.Option(metavar="optimal|paper", help="Optimised, or two poses back and forth.")
     ] = "optimal",
@@ -78,8 +124,10 @@ def excite(
     )
     with progress_shown() as progress:
         request, plan = requests.plan(robot, words, starts, seed, progress)
-        plan_file.write_csv(output, request, plan)
-        plan_file.write_json(output.with_suffix(".json"), request, plan)
+        with written(output) as path:
+            plan_file.write_csv(path, request, plan)
+        if not is_stdout(output):
+            plan_file.write_json(output.with_suffix(".json"), request, plan)
         if picture is not None:
             plan_file.draw(picture, request, plan)
     for line in plan_file.summary(plan):

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from inertiad.base.channels import DEFAULT_URL
-from inertiad.cli.options import RobotFile, RunFolder, Url, progress_shown, say
+from inertiad.cli.options import RobotFile, RunFolder, Url, progress_shown, say, teller, written
 
 commands = typer.Typer()
 
@@ -18,7 +18,10 @@ commands = typer.Typer()
 def simulate(
     robot: RobotFile,
     output: RunFolder,
-    trajectory: Annotated[str, typer.Option(metavar="paper|hold|FILE.csv", help="Motion of the platform.")] = "paper",
+    trajectory: Annotated[
+        str | None,
+        typer.Option(metavar="paper|hold|FILE.csv", help="Motion; default: paper, fitted to the robot where needed."),
+    ] = None,
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="IMU and force samples; default: by --faults.")
     ] = None,
@@ -33,8 +36,12 @@ def simulate(
     pose: Annotated[str, typer.Option(metavar="X,Y,Z,R,P,Y", help="Pose of hold, m and rad.")] = "0,0,2,0,0,0",
     duration: Annotated[float, typer.Option(metavar="S", min=0.1, max=1e5, help="Duration of hold, s.")] = 10.0,
     plant: Annotated[
-        str, typer.Option(metavar="exact|rigid|elastic|FILE", help="Follow the trajectory exactly, or by forces.")
-    ] = "exact",
+        str | None,
+        typer.Option(
+            metavar="exact|rigid|elastic|FILE",
+            help="Follow the trajectory exactly, or by forces; default: exact, elastic with fewer than 6 cables.",
+        ),
+    ] = None,
     payload: Annotated[
         list[str] | None,
         typer.Option(metavar="KG@S", help="Payload taken up at a time; also KG@S@x,y,z or BODY.toml@S."),
@@ -47,32 +54,15 @@ def simulate(
     Keys of a plant FILE: python -m pydoc inertiad.model.forward_dynamics; of a fault FILE:
     python -m pydoc inertiad.simulate.sensor_models
     """
-    from inertiad.model import forward_dynamics
-    from inertiad.model import payload as payloads
-    from inertiad.model import trajectory as trajectories
-    from inertiad.robot import description
-    from inertiad.simulate import sensor_models, simulator
+    from inertiad.simulate import request as requests
+    from inertiad.simulate import simulator
 
-    described = description.load(robot)
-    level = sensor_models.faults(faults)
-    true_body = simulator.body_of(described, robot, body, mass)
-    path = trajectories.named(trajectory, pose, duration)
-    run = simulator.Run(
-        robot_file=robot,
-        robot=described,
-        body=true_body,
-        trajectory=path,
-        trajectory_name=trajectory,
-        level=level,
-        faults_name=faults,
-        rate=level.rate if rate is None else rate,
-        seed=seed,
-        plant=forward_dynamics.plant(plant, described),
-        payloads=payloads.parse_all(payload or [], true_body, path.duration),
-    )
+    words = requests.Arguments(trajectory, rate, faults, seed, body, mass, pose, duration, plant, tuple(payload or ()))
     with progress_shown() as progress:
+        progress("choose the motion")
+        run, remarks = requests.run_of(robot, words)
         simulated = simulator.simulate(run, output, progress)
-    for line in simulated.remarks:
+    for line in (*remarks, *simulated.remarks):
         say(line)
     say(f"{output}: {simulated.n_frames} frames over {run.trajectory.duration:.1f} s")
 
@@ -103,7 +93,9 @@ def verify(
     bus: Annotated[
         list[str] | None, typer.Option(metavar="file|socketcan:vcan0", help="Default: file; else one per bus.")
     ] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Default: verify.json in RUN.")] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Default: verify.json in RUN; -: stdout.")
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Verify this robot.cfg instead of compiling robot.toml.")
     ] = None,
@@ -122,11 +114,13 @@ def verify(
     options = verifier.Options(run, buses, config, daemon, url, latency_max)
     with progress_shown() as progress:
         checks = verifier.verify(options, progress)
+    tell = teller(json)
     for check in checks:
-        typer.echo(str(check))
-    verifier.write(json or run / "verify.json", options, checks)
+        tell(str(check))
+    with written(json or run / "verify.json") as path:
+        verifier.write(path, options, checks)
     n_failed, n_open = (sum(check.passed is verdict for check in checks) for verdict in (False, None))
     left = f", {n_open} could not be made" if n_open else ""
-    typer.echo(f"{'FAIL' if n_failed else 'PASS'}: {len(checks) - n_failed - n_open} of {len(checks)} passed{left}")
+    tell(f"{'FAIL' if n_failed else 'PASS'}: {len(checks) - n_failed - n_open} of {len(checks)} passed{left}")
     if n_failed:
         raise typer.Exit(1)

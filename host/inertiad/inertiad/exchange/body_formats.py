@@ -16,7 +16,7 @@ from xml.etree import ElementTree as ET
 
 from inertiad.base import body as estimate
 from inertiad.base.error import InputError
-from inertiad.robot.description import Nominal
+from inertiad.robot.keys import Nominal
 from inertiad.robot.messages import validate
 
 LINK: Final = "platform"

@@ -2,6 +2,7 @@
 """Runs to and from the files of other tools (file_formats.py), identified bodies to them (body_formats.py)."""
 
 import difflib
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
-from inertiad.base.table import Table, at_ns
+from inertiad.base.table import Table, at_ns, header
 from inertiad.exchange import body_formats, dataset, file_formats
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import description
@@ -75,14 +76,43 @@ def _write_run(data: Dataset, folder: Path) -> Iterator[str]:
         yield f"{folder / 'can.log'}: {len(data.frames)} frames"
 
 
+def is_foreign(file: Path) -> bool:
+    """Whether a CSV file has other columns than export and encode know, so that a mapping is needed."""
+    if file.suffix.lower() != ".csv" or not file.exists():
+        return False
+    try:
+        names, _ = header(file)
+    except InputError:
+        return True
+    if not any(key in names for key in dataset.KEY_COLUMN.values()):
+        return not _is_health(names)
+    return ("acc_x" in names or "f_1" in names) and _has_blanks(file)
+
+
+def _has_blanks(file: Path) -> bool:
+    """Whether cells are blank in the first rows, as where sensors of different rates share a file."""
+    with file.open(encoding="utf-8-sig", errors="replace") as lines:
+        return any(not cell.strip() for line in itertools.islice(lines, 1, 200) for cell in line.split(","))
+
+
+def _is_health(names: list[str]) -> bool:
+    """Counters of the daemon: stage_cause."""
+    return any(name.startswith(("decode_", "align_", "group_")) for name in names)
+
+
+def read_file(file: Path) -> Dataset:
+    """A file of another tool. InputError: not there, unknown ending, unusable."""
+    if not file.exists():
+        raise InputError(f"{file}: No such file or directory")
+    return _reader(file)(file)
+
+
 def import_file(file: Path, folder: Path, robot: Path | None, remarks: list[str]) -> list[str]:
     """A file of another tool -> a run folder with what of can.log, tracker.csv, signals.csv is in it.
 
     remarks: what is left out or damaged. InputError: unknown ending, unusable file, nothing of a run in it.
     """
-    if not file.exists():
-        raise InputError(f"{file}: No such file or directory")
-    data = _reader(file)(file)
+    data = read_file(file)
     if data.frames is not None:
         remarks.extend(data.frames.remarks)
     left = [name for name in data.tables if name not in ("signals", "tracker")]

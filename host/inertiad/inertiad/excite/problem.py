@@ -123,6 +123,13 @@ class Problem:
         slope = -2.0 * self.basis.weight * (H / model.residual_std[:, None] ** 2) @ N
         return float(value), slope
 
+    def sigma(self, c: Array) -> Array:
+        """Predicted sigma [10] of mass, CoG, inertia for coefficients c, before systematic errors are rehearsed."""
+        model = self.checker.model
+        _, motion, f = self.checker.excess(*self.coordinates(c))
+        P = np.linalg.inv(model.information(model.instants(motion, f), self.basis.weight))
+        return np.asarray(np.sqrt(np.diag(model.E @ P @ model.E.T)))
+
     def evaluate(self, c: Array) -> tuple[float, Array]:
         """(cost, g [N, limits])"""
         g, motion, f = self.checker.excess(*self.coordinates(c))

@@ -14,10 +14,12 @@ from inertiad.excite.problem import REST, Criterion
 from inertiad.excite.search import Progress
 from inertiad.identify.fisher_information import Model
 from inertiad.model import trajectory
-from inertiad.robot import description
+from inertiad.robot import description, geometry, stand_in
 from inertiad.robot.messages import nearest
 
 MOTIONS = ("optimal", "paper")
+REST_TO_REST = 2.0
+"""s, about, of a move between two rests, to choose a number of rests for a duration"""
 
 
 def numbers(text: str, n: int, option: str, meaning: str) -> Array:
@@ -35,19 +37,6 @@ def pose_from(text: str, option: str) -> Array:
     """x,y,z in m and roll,pitch,yaw in degrees -> [6], m and rad."""
     pose = numbers(text, 6, option, "x,y,z in m and roll,pitch,yaw in degrees")
     return np.concatenate([pose[:3], np.deg2rad(pose[3:])])
-
-
-def default_box(model: Model) -> Array:
-    """Least and greatest x y z [6], m: a quarter of the anchors' reach about their middle, 27 to 50 % of their height.
-
-    Heights count from the world's z = 0, or from the lowest anchor where that is below it.
-    """
-    anchor = np.array([cable.anchor for cable in model.robot.cable])
-    low, high = anchor.min(axis=0), anchor.max(axis=0)
-    middle, reach = 0.5 * (low + high), 0.125 * (high - low)
-    floor, top = min(0.0, low[2]), low[2]
-    z = (floor + 0.27 * (top - floor), floor + 0.5 * (top - floor)) if top > floor else (high[2] + 1.0, high[2] + 2.0)
-    return np.array([*(middle - reach)[:2], z[0], *(middle + reach)[:2], z[1]])
 
 
 def wanted_sigma(text: str, model: Model) -> Array:
@@ -74,7 +63,11 @@ def wanted_sigma(text: str, model: Model) -> Array:
 
 def limits_from(model: Model, box: str | None, tilt: float, yaw: float, speed: float, acceleration: float) -> Limits:
     """Limits of the command line; degrees, m, s. InputError: the box is empty."""
-    edges = default_box(model) if box is None else numbers(box, 6, "--box", "x_min,y_min,z_min,x_max,y_max,z_max in m")
+    edges = (
+        geometry.box(model.robot)
+        if box is None
+        else numbers(box, 6, "--box", "x_min,y_min,z_min,x_max,y_max,z_max in m")
+    )
     if not np.all(edges[:3] < edges[3:]):
         raise InputError(f'--box "{box}": allowed: every minimum below its maximum')
     angle = np.deg2rad([tilt, yaw])
@@ -102,16 +95,15 @@ class Arguments:
     acceleration: float = 2.0
 
 
-def _request(robot_file: Path, arguments: Arguments, n_starts: int, seed: int) -> Request:
+def _request(robot_file: Path, arguments: Arguments, n_starts: int, seed: int) -> tuple[Request, list[str]]:
+    """The request, checked, and what was assumed for it."""
     if arguments.motion not in MOTIONS:
         hint = nearest(arguments.motion, MOTIONS)
         raise InputError(f'--motion "{arguments.motion}": allowed: {", ".join(MOTIONS)}{hint}')
-    robot = description.load(robot_file)
-    if robot.nominal is None:
-        raise InputError(f"{robot_file}: no [nominal] body: excite needs one to plan tensions with")
+    completed = stand_in.complete(description.load(robot_file))
     if arguments.criterion not in ("A", "D"):
         raise InputError(f'--criterion "{arguments.criterion}": allowed: A, D')
-    model = Model(robot, str(robot_file), robot.nominal)
+    model = Model(completed.robot, str(robot_file), completed.body)
     limits = limits_from(model, arguments.box, arguments.tilt, arguments.yaw, arguments.speed, arguments.acceleration)
     if arguments.motion == "paper":  # the poses are given: only what the robot cannot do is refused
         far = np.full(3, 1e4)
@@ -119,7 +111,7 @@ def _request(robot_file: Path, arguments: Arguments, n_starts: int, seed: int) -
     middle = np.concatenate([0.5 * (limits.low + limits.high), np.zeros(3)])
     start = middle if arguments.start is None else pose_from(arguments.start, "--start")
     criterion: Criterion = "A" if arguments.criterion == "A" else "D"
-    return Request(Checker(model, limits), start, criterion, n_starts, seed)
+    return Request(Checker(model, limits), start, criterion, n_starts, seed), list(completed.remarks)
 
 
 def _paper(request: Request, arguments: Arguments) -> Plan:
@@ -129,13 +121,23 @@ def _paper(request: Request, arguments: Arguments) -> Plan:
     return moves(request, np.array([start, end, start]), REST, "paper")
 
 
+def _planned(request: Request, arguments: Arguments, remarks: list[str], progress: Progress) -> Plan:
+    n_cables = request.checker.model.robot.n_cables
+    n_poses = arguments.poses
+    if n_cables < 6 and not n_poses and arguments.motion == "optimal" and arguments.sigma is None:
+        n_poses = max(3, round(arguments.duration / (arguments.hold + REST_TO_REST)))
+        remarks.append(f"{n_cables} cables: no motion can be commanded, {n_poses} rests are planned, as by --poses")
+    if n_poses:
+        return static_poses(request, n_poses, arguments.hold, progress)
+    if arguments.motion == "paper":
+        return _paper(request, arguments)
+    if arguments.sigma is not None:
+        return shortest(request, wanted_sigma(arguments.sigma, request.checker.model), progress)
+    return optimal(request, arguments.duration, progress)
+
+
 def plan(robot_file: Path, arguments: Arguments, n_starts: int, seed: int, progress: Progress) -> tuple[Request, Plan]:
     """The plan of a request. InputError: there is none; the text names the limit in the way."""
-    request = _request(robot_file, arguments, n_starts, seed)
-    if arguments.poses:
-        return request, static_poses(request, arguments.poses, arguments.hold, progress)
-    if arguments.motion == "paper":
-        return request, _paper(request, arguments)
-    if arguments.sigma is not None:
-        return request, shortest(request, wanted_sigma(arguments.sigma, request.checker.model), progress)
-    return request, optimal(request, arguments.duration, progress)
+    request, remarks = _request(robot_file, arguments, n_starts, seed)
+    found = _planned(request, arguments, remarks, progress)
+    return request, replace(found, remarks=[*remarks, *found.remarks])

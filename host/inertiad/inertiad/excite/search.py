@@ -6,8 +6,12 @@ A result that is a little over a limit is drawn back towards the start pose unti
 
 import multiprocessing
 import os
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+import queue
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing.pool import Pool
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -55,10 +59,25 @@ def largest(problem: Problem, inner: Array, outer: Array) -> Array:
     return inner + low * (outer - inner)
 
 
-def _improve(problem: Problem, c: Array) -> Array:
+Step = Callable[[float, Array], None]
+"""A function that a search calls now and then, with its share done and its coefficients."""
+CHOOSING = 0.3
+"""of a search's time: for the random series"""
+EVERY = 4
+"""iterations between reports"""
+
+
+def _improve(problem: Problem, c: Array, step: Step) -> Array:
     """Augmented Lagrangian around L-BFGS-B."""
     shape, rho = c.shape, 10.0
     multiplier = np.zeros_like(problem.evaluate(c)[1])
+    n_done = 0
+
+    def count(x: Array) -> None:
+        nonlocal n_done
+        n_done += 1
+        if n_done % EVERY == 0:
+            step(CHOOSING + (1.0 - CHOOSING) * n_done / (ROUNDS * ITERATIONS), x.reshape(shape))
 
     def both(x: Array) -> tuple[float, Array]:
         try:
@@ -67,41 +86,101 @@ def _improve(problem: Problem, c: Array) -> Array:
             return 1e6, np.zeros(x.size)
         return value, gradient.ravel()
 
-    for _ in range(ROUNDS):
-        found = minimize(both, c.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS})
+    for number in range(ROUNDS):
+        n_done = number * ITERATIONS
+        options = {"maxiter": ITERATIONS}
+        found = minimize(both, c.ravel(), jac=True, method="L-BFGS-B", options=options, callback=count)
         c = found.x.reshape(shape)
         multiplier = np.maximum(multiplier + rho * problem.evaluate(c)[1], 0.0)
         rho *= 3.0
     return c
 
 
-def search(problem: Problem, seed: int, index: int) -> tuple[float, Array]:
+def search(problem: Problem, seed: int, index: int, step: Step = lambda share, c: None) -> tuple[float, Array]:
     """One start: the best of some random series, improved, within every limit. Same seed and index, same result."""
     dice = np.random.default_rng([seed, index])
-    series = [random_series(problem, dice) for _ in range(CANDIDATES)]
+    series = []
+    for number in range(CANDIDATES):
+        series.append(random_series(problem, dice))
+        if (number + 1) % EVERY == 0:
+            step(CHOOSING * (number + 1) / CANDIDATES, series[-1])
     best = min(series, key=lambda c: problem.evaluate(c)[0])
-    found = largest(problem, np.zeros_like(best), _improve(problem, best))
-    return min(((problem.evaluate(c)[0], c) for c in (best, found)), key=lambda pair: pair[0])
+    found = largest(problem, np.zeros_like(best), _improve(problem, best, step))
+    result = min(((problem.evaluate(c)[0], c) for c in (best, found)), key=lambda pair: pair[0])
+    step(1.0, result[1])
+    return result
+
+
+_reports: Any = None
+"""of a searching process: the queue to the one that waits"""
+
+
+def _begin(reports: Any) -> None:
+    global _reports
+    _reports = reports
+
+
+def _search(problem: Problem, seed: int, index: int) -> tuple[float, Array]:
+    return search(problem, seed, index, lambda share, c: _reports.put((index, share, problem.sigma(c))))
 
 
 def search_all(problem: Problem, n_starts: int, seed: int, progress: Progress) -> Array:
-    """The best of n_starts searches [n, 6], on two processes."""
-    results = []
-    with _one_thread_each(), ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-        for future in [pool.submit(search, problem, seed, index) for index in range(n_starts)]:
-            results.append(future.result())
-            progress(f"start {len(results)} of {n_starts}, best cost {min(r[0] for r in results):.3f}")
+    """The best of n_starts searches [n, 6], on two processes, which end at once where this one is interrupted."""
+    context = multiprocessing.get_context("spawn")
+    reports = context.Queue()
+    with _one_thread_each(), _deaf_to_interrupts():
+        pool = context.Pool(2, _begin, (reports,))
+    with pool:
+        results = _all_of(pool, problem, n_starts, seed, reports, progress)
     return min(results, key=lambda result: result[0])[1]
 
 
-class _one_thread_each:
+def _all_of(
+    pool: Pool, problem: Problem, n_starts: int, seed: int, reports: Any, progress: Progress
+) -> list[tuple[float, Array]]:
+    pending = [pool.apply_async(_search, (problem, seed, index)) for index in range(n_starts)]
+    shares, best = np.zeros(n_starts), np.full(10, np.inf)
+    progress("plan: start the search")
+    while not all(one.ready() for one in pending):
+        try:
+            index, shares[index], sigma = reports.get(timeout=0.2)
+        except queue.Empty:
+            continue
+        best = min(best, sigma, key=lambda s: float(np.sum((s / problem.goal.scale) ** 2)))
+        progress(_bar(float(shares.mean()), best))
+    return [one.get() for one in pending]
+
+
+def _bar(share: float, sigma: Array) -> str:
+    """The share done as a bar, and the least sigma so far."""
+    full = round(20 * min(share, 1.0))
+    cog, inertia = 1e3 * float(sigma[1:4].max()), float(sigma[4:].max())
+    found = f"best so far: mass {sigma[0]:.2g} kg, CoG {cog:.2g} mm, inertia {inertia:.2g} kg m2"
+    return f"plan {'#' * full}{'.' * (20 - full)} {min(share, 1.0):4.0%}, {found}"
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Child processes started inside leave Ctrl-C to this one. Only the main thread can arrange it."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
     """Child processes started inside leave the other core to each other."""
-
-    def __enter__(self) -> None:
-        self._before = os.environ.get("OPENBLAS_NUM_THREADS")
-        os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
-    def __exit__(self, *_: object) -> None:
+    before = os.environ.get("OPENBLAS_NUM_THREADS")
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    try:
+        yield
+    finally:
         os.environ.pop("OPENBLAS_NUM_THREADS")
-        if self._before is not None:
-            os.environ["OPENBLAS_NUM_THREADS"] = self._before
+        if before is not None:
+            os.environ["OPENBLAS_NUM_THREADS"] = before

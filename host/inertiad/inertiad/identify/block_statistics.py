@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 import inertiad_core
 from inertiad.base.table import Array
@@ -138,7 +138,7 @@ def spread(robot: Robot, result: dict[str, Any]) -> Spread:
     K, S = np.linalg.inv(of.total), jackknife(of)
     few = 1.0
     if len(of) < BLOCKS_MIN:
-        few = float(student.ppf(LEVEL, len(of) - 1)) / SURE if len(of) > 1 else np.inf
+        few = float(stdtrit(len(of) - 1, LEVEL)) / SURE if len(of) > 1 else np.inf
     body = []
     for g in range(n_groups):
         part = slice(10 * g, 10 * g + 10)

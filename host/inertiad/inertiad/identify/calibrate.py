@@ -23,7 +23,8 @@ from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
 from inertiad.identify import diagnose, findings, fit
 from inertiad.robot import description, systematic
-from inertiad.robot.description import LeftOver, Robot
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import LeftOver
 from inertiad.robot.systematic import Group, names
 from inertiad.run import reader
 from inertiad.run.reader import Recording

@@ -22,6 +22,8 @@ from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run.reader import Recording
 
+STILL: Final = 0.05
+"""sigma: a shorter way left to the solution is none"""
 FALLS_TO: Final = 0.8
 """of the residual force: what another model must leave to be believed"""
 CLOSE: Final = 0.8
@@ -94,11 +96,22 @@ def _far(result: dict[str, Any], robot: Robot) -> list[tuple[str, float, float]]
     return sorted(found, key=lambda entry: -entry[2])
 
 
+def _name_of_unknown(robot: Robot, result: dict[str, Any], at: int) -> str:
+    """In words: a parameter of the body, a sensor's error, or an attachment."""
+    free, n_theta = list(result["free"]), 10 * len(result["body"])
+    if at < n_theta:
+        return ("mass", *3 * ("first moment",), *6 * ("inertia",))[at % 10]
+    if at < n_theta + len(free):
+        return systematic.names(robot.n_cables)[free[at - n_theta]].replace("_", " ")
+    return f"attachment of cable {(at - n_theta - len(free)) // 3 + 1}"
+
+
 def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
     if result["converged"]:
         return
-    far = _far(result, robot)
-    evidence = {"steps": result["n_steps"], "next_step_sigmas": float(result["last_step"])}
+    far, slowest = _far(result, robot), _name_of_unknown(robot, result, int(result["slowest"]))
+    evidence = {"steps": result["n_steps"], "next_step_sigmas": float(result["last_step"]), "slowest": slowest}
+    evidence["noise_change"] = float(result["weight_change"])
     if far:
         evidence |= {"parameter": far[0][0], "value": far[0][1], "prior_sigmas": far[0][2]}
     if result["refused"] and far:
@@ -107,10 +120,16 @@ def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
             "times the standard deviation stated for it, where the equations no longer hold"
         )
         name = "parameter_at_bound"
+    elif result["last_step"] < STILL:
+        says = (
+            f"the fit does not converge: the noise that its residuals show still changes by "
+            f"{100 * result['weight_change']:.2g} % from step to step; the motion determines too few of the unknowns"
+        )
+        name = "not_converged"
     else:
         says = (
-            f"the fit does not converge: after {result['n_steps']} steps the next one is still "
-            f"{result['last_step']:.2g} sigma long"
+            f"the fit does not converge: after {result['n_steps']} steps {slowest} still has "
+            f"{result['last_step']:.2g} sigma to go"
         )
         name = "not_converged"
     do = "use none of these numbers; correct robot.toml, or record faster and wider motion with an IMU"

@@ -22,7 +22,8 @@ from inertiad.model.inverse_dynamics import specific_force
 from inertiad.model.random_errors import wander
 from inertiad.model.trajectory import Motion, Trajectory
 from inertiad.robot import configuration, systematic
-from inertiad.robot.description import Nominal, Robot
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Nominal
 from inertiad.robot.systematic import Group
 
 WANDER_TIME = 20.0

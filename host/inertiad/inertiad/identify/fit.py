@@ -21,7 +21,8 @@ from inertiad.identify import block_statistics, physical_consistency
 from inertiad.identify import two_step as paper
 from inertiad.robot import systematic
 from inertiad.robot.configuration import prior, theta_of
-from inertiad.robot.description import Nominal, Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Nominal, inertia_matrix
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 

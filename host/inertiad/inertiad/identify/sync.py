@@ -21,7 +21,8 @@ from inertiad.base.table import Array
 from inertiad.identify import fit, time_delay
 from inertiad.identify.time_delay import Delay
 from inertiad.robot import configuration, dbc, description, systematic
-from inertiad.robot.description import Position, Robot
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Position
 from inertiad.run import canlog, encode, host_info, reader, tracker_csv
 from inertiad.run.canlog import CanLog
 

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import inertiad_core
 from inertiad.base.table import Array
-from inertiad.robot.description import Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import inertia_matrix
 
 NOMINAL: Final = (161.058, -0.001, -0.077, -0.118, 94.955, 88.859, 31.635, 4.136, -0.085, -0.393)
 ESTIMATED: Final = (170.740, 0.112, -0.134, -0.125, 102.982, 52.744, 46.589, 8.588, -0.132, -3.672)

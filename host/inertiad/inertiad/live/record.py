@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
@@ -323,6 +323,41 @@ def facts(source: Input, recording: Recording) -> Iterator[tuple[str, str]]:
         yield "not written", f"{recording.n_unwritten} pieces of tracker.raw and tracker.csv: {error}"
 
 
+@dataclass(frozen=True)
+class Summary:
+    """The end of a recording."""
+
+    lines: list[str]
+    """for people"""
+    document: dict[str, Any]
+    """for programs: counts, rate in Hz, delays behind the earliest arrivals in s"""
+
+
+def _document(source: Input, recording: Recording) -> dict[str, Any]:
+    c = recording.tracker.counts
+    late = [1e-6 * float(v) for v in np.percentile(c.latency_us, [50, 99, 100])] if c.latency_us else [None] * 3
+    return {
+        "run": str(recording.folder),
+        "n_connected": source.n_connected,
+        "n_samples": c.n_samples,
+        "n_published": c.n_published,
+        "rate": c.rate(),
+        "n_bytes": c.n_bytes,
+        "n_lost": c.n_lost,
+        "n_repeated": c.n_repeated,
+        "n_invalid": c.n_invalid,
+        "n_bad": c.n_bad,
+        "n_far": c.n_far,
+        "n_foreign": source.n_foreign,
+        "late": dict(zip(("p50", "p99", "max"), late, strict=True)),
+        "n_rows": recording.n_rows,
+        "n_out_of_order": recording.n_out_of_order,
+        "n_by_channel": dict(recording.lcm.n_by_channel),
+        "n_unwritten": recording.n_unwritten,
+        "error": str(recording.error or recording.lcm.log.error or "") or None,
+    }
+
+
 def _view(source: Input, recording: Recording) -> Table:
     table = Table(title=Text(str(recording.folder)), title_justify="left", show_header=False)
     for name, value in facts(source, recording):
@@ -330,8 +365,8 @@ def _view(source: Input, recording: Recording) -> Table:
     return table
 
 
-def record(options: Options) -> list[str]:
-    """Record until interrupted or for options.seconds; the summary. InputError: see open_input(), Tracker.take()."""
+def record(options: Options) -> Summary:
+    """Record until interrupted or for options.seconds. InputError: see open_input(), Tracker.take()."""
     options.layout.check()
     source = open_input(options.address)
     recording = Recording(options)
@@ -354,4 +389,5 @@ def record(options: Options) -> list[str]:
     finally:
         source.close()
         recording.close()
-    return [incoming.plain(f"{name}: {value}", LINE_MAX) for name, value in facts(source, recording)]
+    lines = [incoming.plain(f"{name}: {value}", LINE_MAX) for name, value in facts(source, recording)]
+    return Summary(lines, _document(source, recording))

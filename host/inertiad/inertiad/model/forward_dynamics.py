@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import AfterValidator
 from scipy.interpolate import CubicSpline
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
@@ -26,7 +25,8 @@ from inertiad.model.payload import Payload
 from inertiad.model.trajectory import Motion, Trajectory
 from inertiad.robot import configuration
 from inertiad.robot.description import Robot
-from inertiad.robot.messages import Range, Strict, nearest, validate
+from inertiad.robot.messages import Strict, nearest, validate
+from inertiad.robot.value_types import Range
 
 STEP_MAX = 1e-3
 """s, the longest step of integration"""
@@ -35,19 +35,19 @@ STEP_MAX = 1e-3
 class Plant(Strict):
     """Cables, winches and controller of a simulated robot. A plant file is TOML with these keys."""
 
-    stiffness: Annotated[float, AfterValidator(Range(0, 1e10, "N"))] = 0.0
+    stiffness: Annotated[float, Range(0, 1e10, "N")] = 0.0
     """N, EA of a cable: force per strain; 0: rigid"""
-    damping_time: Annotated[float, AfterValidator(Range(0, 0.1, "s"))] = 1e-3
+    damping_time: Annotated[float, Range(0, 0.1, "s")] = 1e-3
     """s, of the cable's material: force by strain rate over force by strain"""
     swings: bool = True
     """cables with weight oscillate across their line, driven by the platform"""
-    swing_damping: Annotated[float, AfterValidator(Range(0, 1))] = 0.01
+    swing_damping: Annotated[float, Range(0, 1)] = 0.01
     """1, damping ratio of a cable's lateral oscillation"""
-    winch_hz: Annotated[float, AfterValidator(Range(0.1, 100, "Hz"))] = 20.0
+    winch_hz: Annotated[float, Range(0.1, 100, "Hz")] = 20.0
     """Hz, bandwidth of a winch that follows its commanded tension"""
-    control_hz: Annotated[float, AfterValidator(Range(0.05, 20, "Hz"))] = 1.5
+    control_hz: Annotated[float, Range(0.05, 20, "Hz")] = 1.5
     """Hz, bandwidth of the controller of the pose"""
-    control_rate: Annotated[float, AfterValidator(Range(10, 1e4, "Hz"))] = 1000.0
+    control_rate: Annotated[float, Range(10, 1e4, "Hz")] = 1000.0
     """Hz of commands to the winches"""
 
 
@@ -212,7 +212,7 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
     if holds_length and plant.stiffness == 0.0:
         raise InputError(
             f"--plant: {n_cables} cables leave the platform free to swing, rigid ones would have to follow it: "
-            "allowed: exact, elastic, or a file with a stiffness"
+            "allowed: elastic, or a file with a stiffness"
         )
     step = _step(mechanics, trajectory.at(np.zeros(1)), plant, rate)
     per_control = max(1, round(1.0 / (plant.control_rate * step)))

@@ -20,7 +20,8 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.model.payload import Payload
 from inertiad.model.trajectory import Motion
-from inertiad.robot.description import Nominal, Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Nominal, inertia_matrix
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ def tensions(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
         at = int(np.argmax(missing))
         raise InputError(
             f"trajectory: t = {t[at]:.3f} s: {robot.n_cables} cables cannot hold the platform in this pose and motion: "
-            f"{missing[at]:.3g} N or N m is missing"
+            f"{missing[at]:.3g} N or N m is missing{free_hint(robot)}"
         )
     for k in np.flatnonzero(((f < low) | (f > high)).any(axis=1)):
         found = _within_limits(W[k], f[k], low, high)
@@ -159,6 +160,13 @@ def tensions(mechanics: Mechanics, t: Array, motion: Motion) -> Array:
             raise InputError(_slack_message(robot, float(t[k]), motion.p[k], f[k], low, high))
         f[k] = found
     return f
+
+
+def free_hint(robot: Robot) -> str:
+    """ "; pass --plant elastic ...", where cables leave degrees of freedom free, else nothing."""
+    if robot.n_cables >= 6:
+        return ""
+    return f"; {robot.n_cables} cables leave {6 - robot.n_cables} degrees of freedom free: pass --plant elastic"
 
 
 def below_hint(robot: Robot, height: float) -> str:

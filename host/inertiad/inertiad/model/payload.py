@@ -16,7 +16,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.base.text_files import read_json, read_toml
 from inertiad.robot import configuration
-from inertiad.robot.description import Nominal
+from inertiad.robot.keys import Nominal
 from inertiad.robot.messages import validate
 
 RAMP = 0.5

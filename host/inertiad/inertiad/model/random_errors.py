@@ -4,7 +4,6 @@
 import zlib
 
 import numpy as np
-from scipy.signal import lfilter
 
 from inertiad.base.table import Array
 
@@ -27,6 +26,8 @@ def white(density: float, rate: float, shape: tuple[int, ...], dice: np.random.G
 
 def wander(sigma: float, time_constant: float, rate: float, n: int, dice: np.random.Generator) -> Array:
     """First-order Gauss-Markov process of standard deviation sigma, [n, 3], stationary from the start."""
+    from scipy.signal import lfilter  # half a second that only a simulation should wait for
+
     keep = float(np.exp(-1.0 / (rate * time_constant)))
     drive = sigma * np.sqrt(1.0 - keep**2) * dice.standard_normal((n, 3))
     drive[0] /= np.sqrt(1.0 - keep**2)

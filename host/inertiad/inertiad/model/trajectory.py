@@ -173,13 +173,18 @@ MOVE_TIME = 3.6
 
 def paper() -> Moves:
     """Four trajectories, each forward and backward, a transfer between them, rests of 0.5 s."""
-    poses, times = [PAPER_PAIRS[0, 0]], []
-    for number, (start, end) in enumerate(PAPER_PAIRS):
+    return there_and_back(PAPER_PAIRS, MOVE_TIME)
+
+
+def there_and_back(pairs: Array, move_time: float) -> Moves:
+    """Moves [s] from the start to the end pose of each pair [K, 2, 6] and back, transfers between them, rests."""
+    poses, times = [pairs[0, 0]], []
+    for number, (start, end) in enumerate(pairs):
         if number > 0:
             poses.append(start)
-            times.append(MOVE_TIME)
+            times.append(move_time)
         poses += [end, start]
-        times += [MOVE_TIME, MOVE_TIME]
+        times += [move_time, move_time]
     return Moves(np.array(poses), times, rest_time=0.5)
 
 

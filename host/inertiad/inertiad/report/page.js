@@ -6,7 +6,7 @@
   const drawings = JSON.parse(document.getElementById("drawings").textContent);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const config = (isFlat) => ({ displaylogo: false, displayModeBar: isFlat ? false : "hover" });
-  const panel = { width: 215, gapX: 62, gapY: 66, top: 30, bare: 10, bottom: 40, legend: 30, legendWidth: 600, left: 56, right: 12 };
+  const panel = { width: 215, gapX: 62, gapY: 66, top: 30, bare: 10, bottom: 40, legend: 30, legendWidth: 600, narrowAway: 1.5, left: 56, right: 12 };
   let isPrinting = false;
 
   // "@role" and "@role/opacity" -> a colour of the theme; "#rrggbb/opacity" as well
@@ -58,8 +58,10 @@
 
   function spatial(layout, width) {
     const looks = (axis) => ({ ...axisLooks(axis), backgroundcolor: "rgba(0,0,0,0)", showspikes: false });
-    const { xaxis, yaxis, zaxis } = layout.scene;
-    const scene = { ...layout.scene, xaxis: looks(xaxis), yaxis: looks(yaxis), zaxis: looks(zaxis) };
+    const { xaxis, yaxis, zaxis, camera } = layout.scene;
+    const away = width > panel.legendWidth ? 1 : panel.narrowAway;
+    const eye = Object.fromEntries(Object.entries(camera.eye).map(([axis, v]) => [axis, away * v]));
+    const scene = { ...layout.scene, camera: { ...camera, eye }, xaxis: looks(xaxis), yaxis: looks(yaxis), zaxis: looks(zaxis) };
     return { ...layout, scene, showlegend: width > panel.legendWidth, height: Math.min(600, Math.max(380, 0.6 * width)), margin: { t: 40, b: 0, l: 0, r: 0 },
              legend: { x: 1, xanchor: "right", y: 1, bgcolor: "rgba(0,0,0,0)", font: { size: 11 } } };
   }

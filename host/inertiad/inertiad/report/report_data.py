@@ -23,7 +23,8 @@ from inertiad.identify.fit import Estimate, Validation
 from inertiad.report import cables
 from inertiad.report.cables import ForceCheck, Residual
 from inertiad.robot.configuration import prior
-from inertiad.robot.description import Nominal, Robot
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Nominal
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 

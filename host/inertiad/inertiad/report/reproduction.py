@@ -17,7 +17,7 @@ from inertiad.report.figure import Figure, Mark, Panel, Points, Role, Rule, Tabl
 from inertiad.report.page import Page, Section, Tile
 from inertiad.report.verdict import Verdict
 from inertiad.report.wording import unit_of
-from inertiad.robot.description import inertia_matrix
+from inertiad.robot.keys import inertia_matrix
 
 Z95: Final = 1.96
 TABLE_III: Final = np.subtract(two_step.ESTIMATED, two_step.NOMINAL)

@@ -13,7 +13,8 @@ from inertiad.base.body import Body
 from inertiad.base.table import Array
 from inertiad.report.figure import Color, Dots3, Mesh3, Path3, Scene, View
 from inertiad.report.report_data import Facts
-from inertiad.robot.description import Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import inertia_matrix
 from inertiad.run import reader
 
 N_AROUND, N_UP = 28, 14
@@ -68,7 +69,8 @@ def _ellipsoid(body: Body, p: Array, R: Array, name: str, color: Color, is_solid
     return [*marks, Mesh3(placed(points), triangles, "", color, 0.22)] if is_solid else marks
 
 
-def _platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
+def platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
+    """Attachments with their numbers, and their hull where it is a solid."""
     corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
     labels = [str(i + 1) for i in range(len(corner))]
     marks: list[Path3 | Mesh3 | Dots3] = [Dots3(corner, labels, "attachments", "ink", 3.0)]
@@ -77,10 +79,10 @@ def _platform(robot: Robot, p: Array, R: Array) -> list[Path3 | Mesh3 | Dots3]:
     except (QhullError, ValueError):
         return marks  # flat or fewer than four points: no solid to draw
     marks.append(Mesh3(corner, hull.simplices, "platform", "muted", 0.25))
-    return [*marks, Path3(_edges(corner, hull), "", "muted", 2.0)]
+    return [*marks, Path3(edges(corner, hull), "", "muted", 2.0)]
 
 
-def _edges(corner: Array, hull: ConvexHull) -> Array:
+def edges(corner: Array, hull: ConvexHull) -> Array:
     """Edges between facets that are not one plane, NaN between them [N, 3]."""
     pieces = []
     for a, neighbours in enumerate(hull.neighbors):
@@ -109,9 +111,10 @@ def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
     return marks
 
 
-def _axes(p: Array, R: Array, length: float) -> Path3:
+def triad(p: Array, R: Array, length: float, name: str, color: Color = "ink") -> Path3:
+    """The three axes of a frame at p [3] whose columns are R [3, 3], m."""
     ends = p + length * R.T
-    return Path3(np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in ends]), "axes of P", "ink", 4.0)
+    return Path3(np.concatenate([np.concatenate([p[None], e[None], GAP]) for e in ends]), name, color, 4.0)
 
 
 def _pose(facts: Facts) -> tuple[Array, Array]:
@@ -126,7 +129,8 @@ def _three(v: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _views(robot: Robot, p: Array, size: float) -> list[View]:
+def views(robot: Robot, p: Array, size: float) -> list[View]:
+    """The platform of a size [m] at p [3], and the whole robot."""
     anchors = np.array([c.anchor for c in robot.cable])
     low, high = np.minimum(anchors.min(axis=0), p - size), np.maximum(anchors.max(axis=0), p + size)
     near = View("platform", _three(p - REACH * size), _three(p + REACH * size))
@@ -142,7 +146,11 @@ def scene(facts: Facts) -> Scene | None:
     size = float(np.linalg.norm([c.attachment for c in robot.cable], axis=1).max())
     cog = p + R @ np.array(body.value[1:4])
     sigma = " / ".join(f"{1e3 * s:.2g}" for s in body.std[1:4])
-    marks: list[Path3 | Mesh3 | Dots3] = [*_platform(robot, p, R), *_cables(facts, p, R), _axes(p, R, 0.5 * size)]
+    marks: list[Path3 | Mesh3 | Dots3] = [
+        *platform(robot, p, R),
+        *_cables(facts, p, R),
+        triad(p, R, 0.5 * size, "axes of P"),
+    ]
     marks += _ellipsoid(body, p, R, "ellipsoid of inertia", "estimate", is_solid=True)
     marks.append(Dots3(cog[None], ["C"], f"CoG, ± {sigma} mm", "estimate", 7.0))
     other = facts.truth or facts.nominal
@@ -154,12 +162,12 @@ def scene(facts: Facts) -> Scene | None:
         which = f", run {number + 1}" if len(facts.motions) > 1 else ""
         marks.append(Path3(motion.position, f"path of P{which}", number, 2.0, is_far=True))
     found = semi_axes(body)
-    axes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
+    sizes = "" if found is None else f" Its semi-axes: {', '.join(f'{a:.2f}' for a in sorted(found[0])[::-1])} m."
     return Scene(
         "platform",
         "Platform, centre of gravity, inertia",
-        f"The uniform ellipsoid with the identified mass and inertia, on the platform.{axes} "
+        f"The uniform ellipsoid with the identified mass and inertia, on the platform.{sizes} "
         f"CoG ± {sigma} mm (one sigma). Drag to turn, scroll to zoom.",
         marks,
-        _views(robot, p, size),
+        views(robot, p, size),
     )

@@ -15,7 +15,8 @@ from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
-from inertiad.robot.description import TENSION_MAX_DEFAULT, Cable, Nominal, Robot, inertia_matrix
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import TENSION_MAX_DEFAULT, Cable, Nominal, inertia_matrix
 from inertiad_lcm import cable_config_t, robot_config_t, signal_config_t
 
 ATTITUDE_SOURCE = {"quaternion": 1, "rpy": 2}
@@ -26,6 +27,10 @@ DRIFT_TIME = 10800.0
 """s in which a force offset drifts by its own sigma, where nothing else is declared"""
 GUESSED_DENSITY = 1000.0
 """kg/m3 of the cube that a platform of unknown weight would fill"""
+WEIGHTS_HELD = 24.0
+"""weights of the platform that all cables of a usual robot together could hold"""
+GUESSED_INERTIA = 0.3
+"""moment of inertia of an unknown platform, in units of its mass and its size squared"""
 GUESSED_MASS_MIN = 50.0
 """kg: attachments close together may carry anything"""
 
@@ -80,7 +85,8 @@ def theta_of(body: Nominal) -> np.ndarray:
     return np.array([body.mass, *(body.mass * rho), J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]])
 
 
-def _is_tension_declared(robot: Robot) -> bool:
+def is_tension_declared(robot: Robot) -> bool:
+    """Whether a cable has a tension_max of its own."""
     return any(cable.tension_max != TENSION_MAX_DEFAULT for cable in robot.cable)
 
 
@@ -92,9 +98,9 @@ def typical_mass(robot: Robot) -> float:
     """
     if robot.nominal is not None:
         return robot.nominal.mass
-    if not _is_tension_declared(robot):
+    if not is_tension_declared(robot):
         return max(GUESSED_DENSITY * (2.0 * platform_size(robot)) ** 3, GUESSED_MASS_MIN)
-    return sum(cable.tension_max for cable in robot.cable) / (24.0 * max(robot.gravity, 1.0))
+    return sum(cable.tension_max for cable in robot.cable) / (WEIGHTS_HELD * max(robot.gravity, 1.0))
 
 
 def platform_size(robot: Robot) -> float:
@@ -109,7 +115,7 @@ def prior(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     moments 0.4 M l2, products 0.15 M l2; without one a guess +- 2 M, 2 M l, 2 M l2, 0.7 M l2.
     """
     mass, size = typical_mass(robot), platform_size(robot)
-    guess = np.array([mass, 0.0, 0.0, 0.0, *([0.3 * mass * size**2] * 3), 0.0, 0.0, 0.0])
+    guess = np.array([mass, 0.0, 0.0, 0.0, *([GUESSED_INERTIA * mass * size**2] * 3), 0.0, 0.0, 0.0])
     theta = guess if robot.nominal is None else theta_of(robot.nominal)
     share = (2.0, 2.0, 2.0, 0.7) if robot.nominal is None else (0.3, 0.1, 0.4, 0.15)
     estimator = robot.estimator
@@ -135,7 +141,7 @@ def residual_std(robot: Robot) -> tuple[float, float]:
 
 def std(robot: Robot) -> dict[str, float]:
     """[std], completed: what is left out follows from the robot's tensions and from where its force sensors sit."""
-    if _is_tension_declared(robot):
+    if is_tension_declared(robot):
         offset, gain = 1e-3 * min(cable.tension_max for cable in robot.cable), 5e-3
     else:
         offset, gain = 0.1 * typical_mass(robot) * max(robot.gravity, 1.0) / robot.n_cables, 0.03

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from inertiad.base import quantity, units
 from inertiad.base.error import InputError
-from inertiad.robot.description import Bound, Robot, Scaled
+from inertiad.robot.description import Robot
+from inertiad.robot.keys import Bound, Scaled
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -181,6 +182,11 @@ def required(robot: Robot) -> tuple[str, ...]:
     return quantity.ACC + quantity.GYRO + attitude + position + quantity.forces(robot.n_cables)
 
 
+def _missing(name: str) -> str:
+    derived = " (only inertiactl fit SIGNALS.csv works without it)" if name in quantity.ACC + quantity.GYRO else ""
+    return f'signals.{name}: missing; add {name} = "MESSAGE.signal"{derived}'
+
+
 def bind(robot: Robot, source: str) -> list[Binding]:
     """Every binding of [signals], looked up in the robot's DBC files; without [[bus]], those of generate().
 
@@ -196,20 +202,16 @@ def bind(robot: Robot, source: str) -> list[Binding]:
         generated = Database()
         generated.add_dbc_string(text)
         buses = [BusDatabase(tuple((message, GENERATED_NAME) for message in generated.messages))]
-    try:
-        bindings = [
-            _bind(name, bound, buses)
-            for name, value in signals.items()
-            for bound in (value if isinstance(value, list) else [value])
-        ]
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-    for name in required(robot):
-        if name not in signals:
-            derived = (
-                " (only inertiactl fit SIGNALS.csv works without it)" if name in quantity.ACC + quantity.GYRO else ""
-            )
-            raise InputError(f'{source}: signals.{name}: missing; add {name} = "MESSAGE.signal"{derived}')
+    bindings, wrong = [], list[str]()
+    for name, value in signals.items():
+        for bound in value if isinstance(value, list) else [value]:
+            try:
+                bindings.append(_bind(name, bound, buses))
+            except InputError as error:
+                wrong += error.lines
+    wrong += [_missing(name) for name in required(robot) if name not in signals]
+    if wrong:
+        raise InputError(*(f"{source}: {line}" for line in wrong))
     if len(bindings) > 64:
         raise InputError(f"{source}: {len(bindings)} bindings in [signals]: allowed: up to 64")
     return bindings

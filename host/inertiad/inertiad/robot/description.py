@@ -1,337 +1,61 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robot descriptions: robot.toml, read, completed with defaults and checked.
 
-Only ``name`` and the cables are required. SI units; W: world frame, P: platform frame, I: IMU frame.
-
-===================================  ===================  ==============================================================
-key                                  default              meaning
-===================================  ===================  ==============================================================
-base                                                      another robot.toml whose keys hold where this one has none
-name                                 required             up to 63 bytes
-gravity                              9.81                 m/s2, along -z of W
-[cables], or in any [[cable]]                             defaults for every cable
-  pulley_radius                      0                    m, to the cable's centre line; 0: point anchor
-  swivel_axis                        [0, 0, 1]            unit, W: cable travel at the anchor, winch to pulley
-  weight_per_length                  0                    N/m
-  tension_min, tension_max           0, 1e6               N
-  force_at                           "platform"           where its force sensor sits: "platform", between cable and
-                                                          platform; "winch", behind the pulley
-[[cable]] anchor, attachment         required             m, W and P; 1 to 16 cables
-[imu] position                       [0, 0, 0]            m, P
-[imu] orientation                    [1, 0, 0, 0]         unit quaternion w x y z, I to P
-[imu] rate                           0                    Hz, 0: measured from the first samples
-[tracker] target                     [0, 0, 0]            m, P
-[nominal] mass, cog, inertia_cog                          kg; m, P; kg m2 about the CoG, xx yy zz yz xz xy
-[[bus]] dbc                          generated            file or list of files, beside robot.toml; buses in the
-                                                          order of the daemon's --bus
-[[bus]] bitrate                      1_000_000            bit/s, 0: stamps are those of the samples
-[[bus]] data_bitrate                 5_000_000            bit/s of the data phase of CAN FD
-[signals] QUANTITY = "MESSAGE.sig"   as generated         acc_x..z gyro_x..z q_w..z roll pitch yaw pos_x..z f_1..f_m,
-                                                          {imu,force,pos}_counter, {imu,force,pos}_time;
-                                                          "bus1:MESSAGE.sig" where a message is on several buses;
-                                                          a list of signals for counters, device time being one
-                                                          if its frame is the first of the sample;
-                                                          { signal = "MESSAGE.sig", scale = 0.16, offset = 0 } for a
-                                                          signal in counts, mV/V, the wrong sense or tick:
-                                                          SI = value in the DBC's unit * scale + offset
-[position] source                    "tracker"            "tracker", "fixed", "can"
-[position] fixed                                          m, W, of the tracked point, for source "fixed"
-[attitude] source                    "quaternion"         "quaternion", "rpy"
-[attitude] estimate                  see right            "fused": gyro, accelerometer and tracked position; "ahrs": as
-                                                          measured; fused where the position is measured
-[align] max_wait                     0.25                 s a row waits for the slowest sensor
-[align] max_age_{imu,force,position} 0.1, 0.1, 0.25       s interpolation may bridge
-[align] max_carry                    0.5                  s that attitude and IMU carry the position on when the
-                                                          tracker is silent, 0: not at all
-[align] delay_{imu,force,position}   0                    s from the measured instant to its stamp
-[align] delay_attitude               0                    s the attitude lies behind the gyro of its sample
-[align] filter_{imu,force,position,                       low-pass that the sensor's samples went through:
-                attitude}                                 { kind = "bessel", order = 4, cutoff = 10.0 }, Hz at -3 dB;
-                                                          "bessel", "butterworth": its delay adds to the one above
-[std] acc_bias, gyro_bias            0.02, 1.75e-4        m/s2, rad/s; all of [std]: one sigma left after calibration
-[std] attitude, world_yaw            5.2e-3, 8.7e-3       rad
-[std] imu_alignment, imu_position    3.5e-3, 1e-3         rad, m
-[std] tracker_target                 1e-3                 m
-[std] force_offset                   see right            N: 0.001 of the least tension_max; where none is declared
-                                                          0.1 of a cable's share of the weight
-[std] force_gain                     5e-3                 1; 0.03 where no tension_max is declared
-[std] force_offset_drift             see right            N/sqrt(s), random walk: force_offset in three hours
-[std] force_delay, position_delay    1e-3, 5e-3           s
-[std] attitude_delay                 5e-3                 s
-[std] friction                       see right            1, share of the tension: 0.02 at the winch, else 5e-3
-[std] acc_scale, gyro_scale          3e-3, 3e-3           1
-[std] geometry                       1e-3                 m, anchors and attachments
-[std] attitude_wander                1.75e-3              rad, slow error about the bias: sets the residual below
-[estimator] window_length            0.4                  s
-[estimator] estimate_rate            50                   Hz
-[estimator] memory                   1200                 s of excited time after which data count 1/e; 0: for ever
-[estimator] force_std, moment_std    see Estimator        N, N m: slow residual of the windows, refined while running
-[estimator] prior_*_std              see Estimator        kg, kg m, kg m2
-[calibration] file                                        a TOML file with the keys below
-[calibration] sync                                        a sync.json of `inertiactl sync`: the delays and their sigmas
-[calibration] acc_bias, gyro_bias    [0, 0, 0]            m/s2, rad/s, I
-[calibration] attitude_bias          [0, 0, 0]            rad, P: true = measured exp(bias)
-[calibration] world_yaw              0                    rad: true = Rz(yaw) measured
-[calibration] force_offset           zeros                N, one per cable
-[calibration] force_gain             zeros                1: measured = (1 + gain) true + offset
-[calibration] imu_alignment          [0, 0, 0]            rad, P: orientation of [imu] turned by this
-[calibration] position_delay,
-              force_delay,
-              attitude_delay         0                    s, on top of [align]
-[calibration.std] as in [std]                             sigmas after `inertiactl calibrate`, instead of [std]
-[calibration] names, covariance,                          of all corrections together, and unobservable parameters:
-              not_told                                    for people and programs, not compiled
-===================================  ===================  ==============================================================
+keys.py has every key with its range, unit, default and meaning; ``inertiactl help robot.toml`` prints them.
 """
 
-import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
-import numpy as np
-from pydantic import (
-    AfterValidator,
-    Discriminator,
-    Field,
-    Tag,
-    model_validator,
-)
-from scipy import signal
+from pydantic import Field, model_validator
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.text_files import read_json, read_toml
-from inertiad.robot.messages import Range, Strict, nearest_or_known, shown, validate
-from inertiad.robot.value_types import Age, Axis, Delay, Far3, Inertia, Near3, Number3, PositiveSigma, Quaternion, Sigma
+from inertiad.robot.keys import (
+    Align,
+    Attitude,
+    Bound,
+    Bus,
+    Cable,
+    Cables,
+    Calibration,
+    Estimator,
+    Imu,
+    Nominal,
+    Position,
+    Std,
+    Tracker,
+)
+from inertiad.robot.messages import Strict, nearest_or_known, shown, validate
+from inertiad.robot.value_types import Range
 
-TENSION_MAX_DEFAULT = 1e6
-"""N: no cable holds more; carries no information about the platform"""
-
-
-class Cables(Strict):
-    """Defaults for every cable."""
-
-    pulley_radius: Annotated[float, AfterValidator(Range(0, 10, "m"))] = 0.0
-    swivel_axis: Axis = [0.0, 0.0, 1.0]
-    weight_per_length: Annotated[float, AfterValidator(Range(0, 1e4, "N/m"))] = 0.0
-    tension_min: Annotated[float, AfterValidator(Range(0, 1e7, "N"))] = 0.0
-    tension_max: Annotated[float, AfterValidator(Range(0, 1e8, "N"))] = TENSION_MAX_DEFAULT
-    force_at: Literal["platform", "winch"] = "platform"
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if not self.tension_min < self.tension_max:
-            raise ValueError(f"tension_min = {self.tension_min:g} below tension_max = {self.tension_max:g} N")
-        return self
-
-
-class Cable(Cables):
-    """One cable, the defaults of [cables] filled in."""
-
-    anchor: Far3
-    attachment: Near3
-
-
-class Imu(Strict):
-    position: Near3 = [0.0, 0.0, 0.0]
-    orientation: Quaternion = [1.0, 0.0, 0.0, 0.0]
-    rate: Annotated[float, AfterValidator(Range(0, 1e5, "Hz"))] = 0.0
-
-
-class Tracker(Strict):
-    target: Near3 = [0.0, 0.0, 0.0]
-
-
-class Nominal(Strict):
-    """A rigid body: mass [kg], CoG [m] in P, inertia about the CoG [kg m2] as matrix entries xx yy zz yz xz xy."""
-
-    mass: Annotated[float, AfterValidator(Range(1e-6, 1e7, "kg"))]
-    cog: Near3
-    inertia_cog: Inertia
-
-    @model_validator(mode="after")
-    def _is_a_body(self) -> Self:
-        J = inertia_matrix(self.inertia_cog)
-        least = float(np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J)[0])
-        if least <= 0.0:
-            raise ValueError(
-                "inertia_cog of a rigid body: each principal moment below the sum of the other two, "
-                f"here one is {-2.0 * least:.3g} kg m2 above"
-            )
-        return self
-
-
-class Bus(Strict):
-    dbc: str | list[str]
-    bitrate: Annotated[float, AfterValidator(Range(0, 1e8, "bit/s"))] = 1e6
-    data_bitrate: Annotated[float, AfterValidator(Range(1e4, 1e8, "bit/s"))] = 5e6
-
-    @property
-    def files(self) -> list[Path]:
-        """Absolute paths of the bus's DBC files."""
-        return [Path(name) for name in ([self.dbc] if isinstance(self.dbc, str) else self.dbc)]
-
-
-def _not_zero(value: float) -> float:
-    if not 1e-12 <= abs(value) <= 1e12:
-        raise ValueError("1e-12 to 1e12 in magnitude")
-    return value
-
-
-class Scaled(Strict):
-    """A DBC signal whose unit is not the quantity's: SI = value in the DBC's unit * scale + offset."""
-
-    signal: str
-    scale: Annotated[float, AfterValidator(_not_zero)] = 1.0
-    offset: Annotated[float, AfterValidator(Range(-1e9, 1e9))] = 0.0
-
-
-def _form(value: Any) -> str:
-    return "table" if isinstance(value, dict | Scaled) else "list" if isinstance(value, list) else "text"
-
-
-Bound = Annotated[
-    Annotated[str, Tag("text")] | Annotated[list[str], Tag("list")] | Annotated[Scaled, Tag("table")],
-    Discriminator(_form),
-]
-"""The right-hand side of a key in [signals]."""
-
-
-class Position(Strict):
-    source: Literal["tracker", "fixed", "can"] = "tracker"
-    fixed: Far3 | None = None
-
-    @model_validator(mode="after")
-    def _fixed_given(self) -> Self:
-        if self.source == "fixed" and self.fixed is None:
-            raise ValueError('fixed = [x, y, z] in m beside source = "fixed"')
-        return self
-
-
-class Attitude(Strict):
-    source: Literal["quaternion", "rpy"] = "quaternion"
-    estimate: Literal["fused", "ahrs"] | None = None
-
-
-class LowPass(Strict):
-    """A low-pass that a sensor's samples went through; cutoff in Hz, at -3 dB."""
-
-    kind: Literal["bessel", "butterworth"]
-    order: Annotated[int, Field(ge=1, le=10)]
-    cutoff: Annotated[float, AfterValidator(Range(0.1, 1e5, "Hz"))]
-
-    @property
-    def delay(self) -> float:
-        """s: its group delay at frequencies far below the cut-off, the sum of -1/pole of H(s) = k / prod(s - pole)."""
-        poles = signal.besselap(self.order, norm="mag")[1] if self.kind == "bessel" else signal.buttap(self.order)[1]
-        return float(-np.sum(1.0 / poles).real) / (2.0 * math.pi * self.cutoff)
-
-
-class Align(Strict):
-    max_wait: Annotated[float, AfterValidator(Range(0, 10, "s"))] = 0.25
-    max_age_imu: Age = 0.1
-    max_age_force: Age = 0.1
-    max_age_position: Age = 0.25
-    max_carry: Annotated[float, AfterValidator(Range(0, 10, "s"))] = 0.5
-    delay_imu: Delay = 0.0
-    delay_force: Delay = 0.0
-    delay_position: Delay = 0.0
-    delay_attitude: Delay = 0.0
-    filter_imu: LowPass | None = None
-    filter_force: LowPass | None = None
-    filter_position: LowPass | None = None
-    filter_attitude: LowPass | None = None
-
-
-class Std(Strict):
-    """Sigmas of the errors after calibration. The defaults are a good modern set of sensors, not calibrated.
-
-    None: follows from the robot's tensions, see configuration.std.
-    """
-
-    acc_bias: Sigma = 0.02
-    gyro_bias: Sigma = 1.75e-4
-    attitude: Sigma = 5.2e-3
-    world_yaw: Sigma = 8.7e-3
-    imu_alignment: Sigma = 3.5e-3
-    imu_position: Sigma = 1e-3
-    tracker_target: Sigma = 1e-3
-    force_offset: Sigma | None = None
-    force_gain: Sigma | None = None
-    force_offset_drift: Sigma | None = None
-    force_delay: Sigma = 1e-3
-    position_delay: Sigma = 5e-3
-    attitude_delay: Sigma = 5e-3
-    friction: Sigma | None = None
-    acc_scale: Sigma = 3e-3
-    gyro_scale: Sigma = 3e-3
-    geometry: Sigma = 1e-3
-    attitude_wander: Sigma = 1.75e-3
-
-
-def memory_range(value: float) -> float:
-    """0, or 10 .. 1e9 s."""
-    return value if value == 0.0 else Range(10, 1e9, "s, or 0: for ever")(value)
-
-
-class Estimator(Strict):
-    """Settings of the recursion. What is left out follows from the robot's size, strength and [nominal]."""
-
-    window_length: Annotated[float, AfterValidator(Range(0.01, 10, "s"))] = 0.4
-    estimate_rate: Annotated[float, AfterValidator(Range(0.01, 1e4, "Hz"))] = 50.0
-    memory: Annotated[float, AfterValidator(memory_range)] = 1200.0
-    force_std: PositiveSigma | None = None
-    moment_std: PositiveSigma | None = None
-    prior_mass_std: PositiveSigma | None = None
-    prior_h_std: PositiveSigma | None = None
-    prior_inertia_std: PositiveSigma | None = None
-    prior_product_std: PositiveSigma | None = None
-
-
-class LeftOver(Strict):
-    """[calibration.std]: replaces entries of [std] by the sigmas after a calibration."""
-
-    acc_bias: Sigma | None = None
-    gyro_bias: Sigma | None = None
-    attitude: Sigma | None = None
-    world_yaw: Sigma | None = None
-    imu_alignment: Sigma | None = None
-    force_offset: Sigma | None = None
-    force_gain: Sigma | None = None
-    force_delay: Sigma | None = None
-    position_delay: Sigma | None = None
-    attitude_delay: Sigma | None = None
-
-
-class Calibration(Strict):
-    acc_bias: Number3 = [0.0, 0.0, 0.0]
-    gyro_bias: Number3 = [0.0, 0.0, 0.0]
-    attitude_bias: Number3 = [0.0, 0.0, 0.0]
-    world_yaw: Annotated[float, AfterValidator(Range(-7, 7, "rad"))] = 0.0
-    force_offset: list[float] | None = None
-    force_gain: list[Annotated[float, AfterValidator(Range(-0.9, 9))]] | None = None
-    imu_alignment: Number3 = [0.0, 0.0, 0.0]
-    position_delay: Delay = 0.0
-    force_delay: Delay = 0.0
-    attitude_delay: Delay = 0.0
-    std: LeftOver = LeftOver()
-    names: list[str] = []
-    covariance: list[list[float]] = []
-    not_told: list[str] = []
+BUSES_MAX = 8
 
 
 class Robot(Strict):
-    """A robot description, complete and checked; see the table above for every key."""
+    """A robot description, complete and checked. Tables may be left out unless marked as required."""
 
+    base: str | None = None
+    """Another robot.toml, beside this one, whose keys hold where this one has none."""
     name: Annotated[str, Field(min_length=1)]
-    gravity: Annotated[float, AfterValidator(Range(0, 1e3, "m/s2"))] = 9.81
+    """Name of the robot, up to 63 bytes."""
+    gravity: Annotated[float, Range(0, 1e3, "m/s2")] = 9.81
+    """Acceleration of gravity, along -z of W."""
     cables: Cables = Cables()
     cable: Annotated[list[Cable], Field(min_length=1, max_length=quantity.CABLES_MAX)]
     imu: Imu = Imu()
     tracker: Tracker = Tracker()
     nominal: Nominal | None = None
-    bus: Annotated[list[Bus], Field(max_length=8)] = []
-    signals: dict[str, Bound] = {}
+    bus: Annotated[list[Bus], Field(max_length=BUSES_MAX)] = []
+    signals: Annotated[
+        dict[str, Bound], Field(json_schema_extra={"propertyNames": {"enum": list(quantity.QUANTITIES)}})
+    ] = {}
+    """QUANTITY = "MESSAGE.signal" binds a quantity to a signal of the DBC; "bus1:MESSAGE.signal" where a message is on
+    several buses; a list of signals for counters; { signal = "MESSAGE.signal", scale = 0.16, offset = 0 } for a signal
+    in counts, mV/V, or with the wrong sign: SI = value in the DBC's unit * scale + offset. Device times count only
+    where their frame is the first of the sample. Left out together with [[bus]]: the layout of `inertiactl encode`."""
     position: Position = Position()
     attitude: Attitude = Attitude()
     align: Align = Align()
@@ -355,33 +79,35 @@ class Robot(Strict):
 
     @model_validator(mode="after")
     def _agrees(self) -> Self:
+        """All contradictions between keys, one a line."""
+        problems = [*self._wrong_lengths(), *self._wrong_signals()]
+        if self.attitude.estimate == "fused" and self.position.source == "fixed":
+            problems.append('attitude.estimate = "ahrs" with a fixed position: "fused" needs a measured one')
+        if problems:
+            raise ValueError("\n".join(problems))
+        return self
+
+    def _wrong_lengths(self) -> Iterator[str]:
         if len(self.name.encode()) > 63:
-            raise ValueError(f"name of at most 63 bytes, this one has {len(self.name.encode())}")
+            yield f"name of at most 63 bytes, this one has {len(self.name.encode())}"
         for key in ("force_offset", "force_gain"):
             values = getattr(self.calibration, key)
             if values is not None and len(values) != self.n_cables:
-                raise ValueError(f"calibration.{key} with {self.n_cables} numbers, one per cable, not {len(values)}")
+                yield f"calibration.{key} with {self.n_cables} numbers, one per cable, not {len(values)}"
+
+    def _wrong_signals(self) -> Iterator[str]:
         others = [n for n in quantity.QUANTITIES if not n.startswith("f_")]
         for key, value in self.signals.items():
             if key.startswith("f_") and key not in quantity.forces(self.n_cables):
-                raise ValueError(f"signals.{key}: not a cable of this robot: allowed: f_1 to f_{self.n_cables}")
-            if not key.startswith("f_") and key not in others:
-                raise ValueError(f"signals.{key}: not a quantity{nearest_or_known(key, others)}")
-            if isinstance(value, list) and key not in quantity.COUNTER:
-                raise ValueError(f'signals.{key} = "MESSAGE.signal", one signal (lists are for counters)')
+                yield f"signals.{key}: not a cable of this robot: allowed: f_1 to f_{self.n_cables}"
+            elif not key.startswith("f_") and key not in others:
+                yield f"signals.{key}: not a quantity{nearest_or_known(key, others)}"
+            elif isinstance(value, list) and key not in quantity.COUNTER:
+                yield f'signals.{key} = "MESSAGE.signal", one signal (lists are for counters)'
         if self.signals and not self.bus:
-            raise ValueError("[[bus]] with the DBC file that [signals] refers to")
-        if self.attitude.estimate == "fused" and self.position.source == "fixed":
-            raise ValueError('attitude.estimate = "ahrs" with a fixed position: "fused" needs a measured one')
+            yield "[[bus]] with the DBC file that [signals] refers to"
         if self.bus and not self.signals:
-            raise ValueError("[signals] that bind quantities to signals of the DBC")
-        return self
-
-
-def inertia_matrix(elements: list[float] | np.ndarray) -> np.ndarray:
-    """The 3 x 3 matrix of xx yy zz yz xz xy."""
-    xx, yy, zz, yz, xz, xy = elements
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            yield "[signals] that bind quantities to signals of the DBC"
 
 
 def _merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
@@ -443,5 +169,5 @@ def read_data(path: Path, depth: int = 0) -> dict[str, Any]:
 
 
 def load(path: Path) -> Robot:
-    """Read and check a robot description. InputError: one line with file, key, value and what is allowed."""
+    """Read and check a robot description. InputError: a line per mistake with file, key, value and what is allowed."""
     return validate(Robot, read_data(path), str(path))

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of checked keys, and one line for the first key that is wrong: source: key = value: allowed: ..."""
+"""Tables of checked keys, and one line for each key that is wrong: source: key = value: allowed: ..."""
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -13,24 +12,12 @@ from inertiad.base.error import InputError
 from inertiad.base.text_files import toml_value
 
 
-@dataclass(frozen=True)
-class Range:
-    """A closed interval with a unit; the error it raises names both."""
-
-    low: float
-    high: float
-    unit: str = ""
-
-    def __call__(self, value: float) -> float:
-        if not self.low <= value <= self.high:
-            raise ValueError(f"{self.low:g} to {self.high:g} {self.unit}".rstrip())
-        return value
-
-
 class Strict(BaseModel):
     """Base of every table: unknown keys, wrong types, NaN and infinity are refused."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 def nearest(key: str, known: Iterable[str]) -> str:
@@ -121,12 +108,12 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
-    """data as model; InputError with one line "source: key = value: allowed: ..." when it does not fit."""
+    """data as model; InputError with a line "source: key = value: allowed: ..." for every key that does not fit."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        first, *others = error.errors()
-        if first["loc"][:1] == ("cables",):
-            others = [e for e in others if e["loc"][:1] != ("cable",)]  # each cable repeats what it takes from [cables]
-        more = f" (and {len(others)} more)" if others else ""
-        raise InputError(f"{source}: {' '.join(_message(model, dict(first)).split())}{more}") from None
+        errors = error.errors()
+        if any(e["loc"][:1] == ("cables",) for e in errors):  # each cable repeats what it takes from [cables]
+            errors = [e for e in errors if e["loc"][:1] != ("cable",)]
+        texts = [text for e in errors for text in _message(model, dict(e)).splitlines()]
+        raise InputError(*(f"{source}: {' '.join(text.split())}" for text in dict.fromkeys(texts))) from None

@@ -184,15 +184,21 @@ def write_can_log(path: Path, t: Array, frames: list[Frames], stamp: Stamp = sta
 
     Returns the number of frames.
     """
+    return write_parts(path, [(t, frames)], stamp)
+
+
+def write_parts(path: Path, parts: list[tuple[Array, list[Frames]]], stamp: Stamp = stamp_exactly) -> int:
+    """The same for several sensors, each with sample times t [s] of its own."""
     lines: list[str] = []
     stamps: list[NDArray[np.int64]] = []
-    for bus in sorted({f.bus for f in frames}):
-        on_bus = [f for f in frames if f.bus == bus]
-        for f, t_us in zip(on_bus, stamp(t, on_bus), strict=True):
-            seen = t_us != LOST
-            f, t_us = (f, t_us) if seen.all() else (replace(f, data=f.data[seen]), t_us[seen])
-            lines += _lines(f, t_us)
-            stamps.append(t_us)
+    for t, frames in parts:
+        for bus in sorted({f.bus for f in frames}):
+            on_bus = [f for f in frames if f.bus == bus]
+            for f, t_us in zip(on_bus, stamp(t, on_bus), strict=True):
+                seen = t_us != LOST
+                f, t_us = (f, t_us) if seen.all() else (replace(f, data=f.data[seen]), t_us[seen])
+                lines += _lines(f, t_us)
+                stamps.append(t_us)
     order = np.argsort(np.concatenate(stamps), kind="stable").tolist()
     with path.open("w", encoding="ascii") as file:
         file.writelines(map(lines.__getitem__, order))

@@ -21,15 +21,16 @@ from inertiad.base.table import Array
 from inertiad.base.text_files import read_toml
 from inertiad.model.inverse_dynamics import Swing
 from inertiad.model.random_errors import Dice, wander, white
-from inertiad.robot.messages import Range, Strict, nearest, validate
+from inertiad.robot.messages import Strict, nearest, validate
+from inertiad.robot.value_types import Range
 
 _MICRO_G: Final = 9.80665e-6
 
-Level = Annotated[float, AfterValidator(Range(0, 1e3))]
-RateHz = Annotated[float, AfterValidator(Range(1, 1e5, "Hz"))]
+Level = Annotated[float, Range(0, 1e3)]
+RateHz = Annotated[float, Range(1, 1e5, "Hz")]
 
 
-Share = Annotated[float, AfterValidator(Range(0, 1))]
+Share = Annotated[float, Range(0, 1)]
 
 SENSORS: Final = ("imu", "force", "pos")
 
@@ -60,7 +61,7 @@ class Faults(Strict):
     """deg, each platform axis"""
     attitude_wander_deg: Level = 0.0
     """deg, slow random error, each platform axis"""
-    attitude_wander_time: Annotated[float, AfterValidator(Range(0.1, 1e4, "s"))] = 20.0
+    attitude_wander_time: Annotated[float, Range(0.1, 1e4, "s")] = 20.0
     """s, its correlation time"""
     world_yaw_deg: Level = 0.0
     """deg, of the attitude's world frame against the tracker's"""
@@ -72,50 +73,50 @@ class Faults(Strict):
     """N, each"""
     force_gain: Level = 0.0
     """1, each"""
-    force_delay_max: Annotated[float, AfterValidator(Range(0, 1, "s"))] = 0.0
+    force_delay_max: Annotated[float, Range(0, 1, "s")] = 0.0
     """s; the forces' delay is drawn evenly from 0 to this"""
     tracker_rate: RateHz = 238.0
     """Hz"""
     tracker_noise: Level = 0.0
     """m, each axis of each sample"""
-    tracker_delay: Annotated[float, AfterValidator(Range(0, 1, "s"))] = 0.0
+    tracker_delay: Annotated[float, Range(0, 1, "s")] = 0.0
     """s from the measured instant to its stamp"""
     geometry: Level = 0.0
     """m, each coordinate of each anchor and attachment against robot.toml"""
-    cable_swing: Annotated[float, AfterValidator(Range(0, 0.1, "rad"))] = 0.0
+    cable_swing: Annotated[float, Range(0, 0.1, "rad")] = 0.0
     """rad, amplitude of each cable's lateral oscillation"""
-    cable_swing_low_hz: Annotated[float, AfterValidator(Range(0.01, 1e3, "Hz"))] = 3.0
-    cable_swing_high_hz: Annotated[float, AfterValidator(Range(0.01, 1e3, "Hz"))] = 5.0
+    cable_swing_low_hz: Annotated[float, Range(0.01, 1e3, "Hz")] = 3.0
+    cable_swing_high_hz: Annotated[float, Range(0.01, 1e3, "Hz")] = 5.0
     """Hz; each cable's frequency is drawn between the two"""
     clock_drift_ppm: Level = 0.0
     """ppm, of the sensors' clock against the host's"""
-    stamp_jitter: Annotated[float, AfterValidator(Range(0, 0.1, "s"))] = 0.0
+    stamp_jitter: Annotated[float, Range(0, 0.1, "s")] = 0.0
     """s, mean lateness of the host's frame stamps, exponentially distributed"""
-    stamp_delay: Annotated[float, AfterValidator(Range(0, 1, "s"))] = 0.0
+    stamp_delay: Annotated[float, Range(0, 1, "s")] = 0.0
     """s, lateness of every frame stamp on top of that"""
     bus_timing: bool = False
     """frames are stamped when they have got through the bus, lowest identifier first, not at their sample's time"""
-    release_jitter: Annotated[float, AfterValidator(Range(0, 0.1, "s"))] = 0.0
+    release_jitter: Annotated[float, Range(0, 0.1, "s")] = 0.0
     """s, greatest lateness with which a node has its frames ready for the bus; needs bus_timing"""
     frame_loss: Share = 0.0
     """1, share of frames that never reach the host"""
     tracker_loss: Share = 0.0
     """1, share of tracker samples that never come"""
-    dropout_hz: Annotated[float, AfterValidator(Range(0, 100, "Hz"))] = 0.0
+    dropout_hz: Annotated[float, Range(0, 100, "Hz")] = 0.0
     """Hz, how often the tracker loses sight"""
-    dropout: Annotated[float, AfterValidator(Range(0, 100, "s"))] = 0.5
+    dropout: Annotated[float, Range(0, 100, "s")] = 0.5
     """s for which it does, on average, exponentially distributed"""
-    fault_start: Annotated[float, AfterValidator(Range(0, 1e6, "s"))] = 5.0
+    fault_start: Annotated[float, Range(0, 1e6, "s")] = 5.0
     """s from the start of the motion at which the faults below set in"""
-    fault_duration: Annotated[float, AfterValidator(Range(0, 1e6, "s"))] = 2.0
+    fault_duration: Annotated[float, Range(0, 1e6, "s")] = 2.0
     """s after which stuck and silent sensors come back"""
     stuck: Annotated[str, AfterValidator(_sensor)] = ""
     """imu, force, pos, or a quantity such as f_3: repeats its last value"""
     silent: Annotated[str, AfterValidator(_sensor)] = ""
     """imu, force, pos, tracker, bus, or a quantity such as f_3 with its whole message: sends nothing"""
-    clock_step: Annotated[float, AfterValidator(Range(-1e3, 1e3, "s"))] = 0.0
+    clock_step: Annotated[float, Range(-1e3, 1e3, "s")] = 0.0
     """s, jump of the sensors' clock"""
-    stamp_step: Annotated[float, AfterValidator(Range(-0.5, 1e3, "s"))] = 0.0
+    stamp_step: Annotated[float, Range(-0.5, 1e3, "s")] = 0.0
     """s, jump of the host's clock that stamps frames"""
 
     @model_validator(mode="after")

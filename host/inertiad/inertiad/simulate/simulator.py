@@ -26,9 +26,10 @@ from inertiad.model.inverse_dynamics import Mechanics, specific_force, tensions
 from inertiad.model.payload import Payload
 from inertiad.model.random_errors import Dice
 from inertiad.model.trajectory import Motion, Trajectory
-from inertiad.robot import configuration, dbc
+from inertiad.robot import configuration, dbc, stand_in
 from inertiad.robot.dbc import Binding
-from inertiad.robot.description import Nominal, Robot, read_data
+from inertiad.robot.description import Robot, read_data
+from inertiad.robot.keys import Nominal
 from inertiad.robot.messages import validate
 from inertiad.run import encode, tracker_csv
 from inertiad.run import folder as run_folder
@@ -192,17 +193,17 @@ class Simulated:
     """notes on the motion"""
 
 
-def body_of(robot: Robot, robot_file: Path, file: Path | None, mass: float | None) -> Nominal:
-    """The true body: from a TOML or JSON file with mass, cog, inertia_cog, else [nominal]; mass [kg] replaces its mass.
+def body_of(robot: Robot, file: Path | None, mass: float | None) -> Nominal:
+    """The true body: from a TOML or JSON file with mass, cog, inertia_cog, else [nominal] or a stand-in.
 
-    InputError: no body given, or one that cannot exist.
+    mass [kg] replaces its mass. InputError: a body that cannot exist.
     """
     if file is not None:
         body = validate(Nominal, read_json(file) if file.suffix == ".json" else read_toml(file), str(file))
     elif robot.nominal is not None:
         body = robot.nominal
     else:
-        raise InputError(f"{robot_file}: no [nominal] body; pass --body FILE")
+        body, _ = stand_in.body_of(robot)
     return body if mass is None else validate(Nominal, body.model_dump() | {"mass": mass}, "--mass")
 
 

@@ -72,7 +72,9 @@ struct BatchResult {
     std::vector<BatchBlock> block;  ///< all windows, in order
     Eigen::MatrixXd H_prior;        ///< of priors, known mass differences and sensor means; scaled as the blocks
     int n_steps;
-    double last_step;               ///< largest change of the next step in posterior sigmas
+    double last_step;               ///< largest way left to the solution, in posterior sigmas
+    Eigen::Index slowest;           ///< the unknown that has it
+    double weight_change;           ///< largest relative change of V_run's standard deviations, were it learnt again
     bool is_converged;
     std::string refused;  ///< why the last trial step was refused by the configuration's ranges; empty: it was not
 };

@@ -29,9 +29,9 @@ using Series = std::vector<Eigen::Matrix<double, N, 1>>;
 
 /// Bandwidth L for a series of residuals of windows that follow each other.
 template <int N>
-std::size_t bandwidth(const std::vector<ipe_average_t>& window, const Series<N>& e)
+double bandwidth(const std::vector<ipe_average_t>& window, const Series<N>& e)
 {
-    constexpr std::size_t LEAST = IPE_NOISE_LAGS;
+    constexpr double LEAST = IPE_NOISE_LAGS;
     if (e.size() < 3) { return LEAST; }
     Eigen::Array<double, N, 1> r0 = Eigen::Array<double, N, 1>::Constant(1e-300), r1 = r0;
     for (std::size_t k = 1; k < e.size(); ++k) {
@@ -44,19 +44,20 @@ std::size_t bandwidth(const std::vector<ipe_average_t>& window, const Series<N>&
     const double best = 1.1447 * std::cbrt(alpha * static_cast<double>(e.size()));
     const double hop = 0.25 * window.front().length;
     const double most = std::min(BANDWIDTH_MAX / std::max(hop, 1e-3), static_cast<double>(e.size()) / 3.0);
-    return std::max(LEAST, static_cast<std::size_t>(std::min(best, most)));
+    return std::max(LEAST, std::min(best, most));
 }
 
 /// Long-run second moment with bandwidth L, products across gaps left out; a sum over windows.
 template <int N>
-Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& window, const Series<N>& e, std::size_t L)
+Eigen::Matrix<double, N, N> long_run_sum(const std::vector<ipe_average_t>& window, const Series<N>& e, double L)
 {
     Eigen::Matrix<double, N, N> sum = Eigen::Matrix<double, N, N>::Zero();
     for (std::size_t k = 0; k < e.size(); ++k) {
         Eigen::Matrix<double, N, 1> past = 0.5 * e[k];
-        for (std::size_t lag = 1; lag <= std::min(L, k); ++lag) {
-            if (!follows(window, k, lag)) { break; }
-            past += (1.0 - static_cast<double>(lag) / static_cast<double>(L + 1)) * e[k - lag];
+        for (std::size_t lag = 1; lag <= k; ++lag) {
+            const double weight = 1.0 - static_cast<double>(lag) / (L + 1.0);
+            if (weight <= 0.0 || !follows(window, k, lag)) { break; }
+            past += weight * e[k - lag];
         }
         sum += e[k] * past.transpose() + past * e[k].transpose();
     }

@@ -25,8 +25,9 @@ constexpr int BLOCKS_MAX = 48;        // of a run: chosen, a fiftieth of it loca
 constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
 constexpr double SPEED_STD = 0.05;    // m/s, of the vertical speed's change over a run: chosen as a tracker's
 constexpr double IMPLAUSIBLE = 3.0;   // sigmas, as in firmware/core/filter_states.c
-constexpr double LEAST_TOLD = 0.01;   // of a prior's variance, as there
-constexpr double GYRO_FLOOR = 1e-6;   // rad/s: chosen under the bias stability of any MEMS gyro
+constexpr double LEAST_TOLD =
+    0.1;  // of a prior's variance: a sigma of the data beyond three of the prior's says little
+constexpr double GYRO_FLOOR = 1e-6;  // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
 /// the equations.
@@ -50,7 +51,6 @@ struct Problem {
         scale.tail(n_geometry).setConstant(config.c().std_geometry);
         xi = Eigen::VectorXd::Zero(n_xi);
         used_std = std_xi;
-        eiv_correction.resize(runs.size());
         V.assign(runs.size(), Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]));
     }
 
@@ -151,33 +151,38 @@ struct Problem {
     Square6 learnt_covariance(const RunWindows& run, const Equations& measured, const Square6& V_before,
                               BatchFit& of) const
     {
-        Drift drift(config.c(), !free.empty(), 1);
+        Drift drift(config.c(), !free.empty(), is_weight_known, 1);
         std::vector<Column6> innovation;
         Column6 explained = Column6::Zero(), sum_squares = Column6::Constant(1e-300);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             Eigen::MatrixXd e = measured.residual(k);
-            explained +=
-                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V_before, e).diagonal();
-            innovation.push_back(std::sqrt(6.0 / (6.0 - static_cast<double>(measured.by_unknown[k].cols()))) * e);
+            const Drift::Spread spread =
+                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V_before, e);
+            explained += spread.drift.diagonal();
+            const double n_known = 6.0 - static_cast<double>(measured.by_unknown[k].cols());
+            innovation.push_back(std::sqrt(6.0 / n_known * spread.weight) * e);
             sum_squares += innovation.back().cwiseAbs2();
         }
-        const std::size_t L = bandwidth<6>(run.window, innovation);
+        const double L = bandwidth<6>(run.window, innovation);
         const Square6 sum = long_run_sum<6>(run.window, innovation, L);
         const double hop = run.window.empty() ? 0.0 : 0.25 * run.window.front().length;
         of.correlation_time = hop * std::max(1.0, (sum.diagonal().array() / sum_squares.array()).maxCoeff());
-        of.n_lags = static_cast<double>(L);
+        of.n_lags = L;
         return run_covariance(config, sum, run.window.size(), explained);
     }
 
-    /// The run's rows as independent ones of unit variance.
-    Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C) const
+    /// The run's rows as independent ones of unit variance. factor: lower ones of the windows' covariances, if wanted.
+    Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C,
+                             std::vector<Square6>* factor = nullptr) const
     {
-        Drift drift(config.c(), !free.empty(), n + 1);
+        Drift drift(config.c(), !free.empty(), is_weight_known, n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const Square6 part = drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], C, block);
-            const Square6 L = Square6(part + C).llt().matrixL();
+            const Drift::Spread spread =
+                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], C, block);
+            const Square6 L = Square6(spread.drift + spread.noise).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
+            if (factor != nullptr) { factor->push_back(L); }
         }
         return scaled(measured.rows);
     }
@@ -351,7 +356,7 @@ struct Problem {
     /// What a run's means say of its motion sensors: gyro_rows() and gravity_rows().
     Eigen::MatrixXd mean_rows(const std::vector<ipe_average_t>& window, Derived derived) const
     {
-        const Eigen::MatrixXd gyro = gyro_rows(window);
+        const Eigen::MatrixXd gyro = derived.rate ? Eigen::MatrixXd(0, n + 1) : gyro_rows(window);
         const Eigen::MatrixXd gravity = derived.force ? Eigen::MatrixXd(0, n + 1) : gravity_rows(window);
         Eigen::MatrixXd Ab(gyro.rows() + gravity.rows(), n + 1);
         Ab << gyro, gravity;
@@ -383,52 +388,90 @@ struct Problem {
         return row;
     }
 
-    /// The equations of all runs at the present point.
+    /// The equations of all runs at the present point, not weighted yet.
     struct Pass {
-        explicit Pass(Eigen::Index n) : weighted(n), renewed(n) {}
-        Triangle weighted;  ///< under the weights as they are
-        Triangle renewed;   ///< under V, learnt from the residuals at this point
-        std::vector<Square6> V;
+        std::vector<RunWindows> run;
+        std::vector<Equations> measured;
+        std::vector<Eigen::MatrixXd> means;  ///< mean_rows() of each run
         std::vector<BatchFit> fit;
-        std::vector<ipe_eiv_correction_t> eiv_correction;
-        double weight_change = 0.0;  ///< largest relative change of a standard deviation, weights to V
     };
 
     /// Throws std::invalid_argument where the calibration leaves its ranges, std::domain_error where a cable vanishes.
     Pass pass() const
     {
-        Pass p(n);
+        Pass p;
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
-            RunWindows run = windows_under(config, corrected, runs[r], xi);
-            const Eigen::MatrixXd means = mean_rows(run.window, runs[r].derived);
+            p.run.push_back(windows_under(config, corrected, runs[r], xi));
+            RunWindows& run = p.run.back();
+            p.means.push_back(mean_rows(run.window, runs[r].derived));
             gate_rest(config, run);
-            const Equations measured = equations(run, runs[r], corrected);
-            BatchFit of = fit_of(run, r, measured);
-            const double loss = n_observed / std::max(n_independent(fit), 1.0);
-            p.V.push_back((1.0 + loss) * learnt_covariance(run, measured, V[r], of));
-            const Column6 ratio = p.V[r].diagonal().cwiseQuotient(V[r].diagonal()).cwiseSqrt();
-            p.weight_change = std::max(p.weight_change, (ratio.array() - 1.0).abs().maxCoeff());
-            if (!run.window.empty()) {
-                p.weighted.add(whitened(run, measured, V[r]));
-                p.renewed.add(whitened(run, measured, p.V[r]));
-            }
-            if (means.rows() > 0) { p.weighted.add(means), p.renewed.add(means); }
-            p.eiv_correction.push_back(eiv_correction_of(run, runs[r].derived));
-            p.fit.push_back(of);
+            p.measured.push_back(equations(run, runs[r], corrected));
+            p.fit.push_back(fit_of(run, r, p.measured.back()));
         }
-        p.weighted.add(prior());
-        p.renewed.add(prior());
         return p;
     }
 
-    static ipe_eiv_correction_t eiv_correction_of(const RunWindows& run, const Derived& derived)
+    /// A pass of the present point under the present weights.
+    Triangle weighted(const Pass& p) const
     {
-        ipe_eiv_correction_t sum = {};
-        for (const ipe_average_t& a : run.window) { ipe_eiv_correction_add(&sum, &a, 1.0); }
-        if (derived.force) { std::fill_n(sum.sum, 3, 0.0F); }  // smoothed in Y instead
-        if (derived.rate) { std::fill_n(sum.sum + 3, 3, 0.0F); }
-        return sum;
+        Triangle found(n);
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            if (!p.run[r].window.empty()) { found.add(whitened(p.run[r], p.measured[r], V[r])); }
+            if (p.means[r].rows() > 0) { found.add(p.means[r]); }
+        }
+        found.add(prior());
+        return found;
+    }
+
+    /// Logarithms of the weights' standard deviations [6 runs], those of V.
+    Eigen::VectorXd log_std() const
+    {
+        Eigen::VectorXd found(6 * static_cast<Eigen::Index>(V.size()));
+        for (std::size_t r = 0; r < V.size(); ++r) { of_run(found, r) = 0.5 * V[r].diagonal().array().log().matrix(); }
+        return found;
+    }
+
+    void set_log_std(Eigen::VectorXd to)
+    {
+        const Square6 C = Eigen::Map<const Matrix6>(&config.c().residual_covariance[0][0]);
+        for (std::size_t r = 0; r < V.size(); ++r) {
+            const Column6 scale_of = (of_run(to, r).array().exp() / C.diagonal().array().sqrt()).matrix();
+            V[r] = scale_of.asDiagonal() * C * scale_of.asDiagonal();
+        }
+    }
+
+    /// The same [6 runs] from the residuals of a pass under the present weights; how correlated they are goes to its fit.
+    /// Each unknown that the data determine has taken its share of the residuals.
+    Eigen::VectorXd learnt_log_std(Pass& p) const
+    {
+        Eigen::VectorXd found(6 * static_cast<Eigen::Index>(V.size()));
+        for (std::size_t r = 0; r < V.size(); ++r) {
+            const Square6 of = learnt_covariance(p.run[r], p.measured[r], V[r], p.fit[r]);
+            of_run(found, r) = 0.5 * of.diagonal().array().log().matrix();
+        }
+        return found.array() + 0.5 * std::log1p(n_observed / std::max(n_independent(p.fit), 1.0));
+    }
+
+    static Eigen::VectorBlock<Eigen::VectorXd, 6> of_run(Eigen::VectorXd& all, std::size_t r)
+    {
+        return all.segment<6>(6 * static_cast<Eigen::Index>(r));
+    }
+
+    /// Information about theta that noise in a run's regressors pretends (eiv_correction.h), under the factors of the windows'
+    /// covariances.
+    static Covariance pretended(const RunWindows& run, Derived derived, const std::vector<Square6>& factor)
+    {
+        Covariance C = Covariance::Zero();
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            ipe_eiv_correction_t of = {};
+            ipe_eiv_correction_add(&of, &run.window[k], 1.0);
+            if (derived.force) { std::fill_n(of.sum, 3, 0.0F); }  // smoothed in Y instead
+            if (derived.rate) { std::fill_n(of.sum + 3, 3, 0.0F); }
+            Matrix6 L = factor[k];
+            ipe_eiv_correction_information(&of, as_array(L), 1.0, as_array(C));
+        }
+        return C;
     }
 
     BatchFit fit_of(const RunWindows& run, std::size_t r, const Equations& measured) const
@@ -444,17 +487,17 @@ struct Problem {
         return of;
     }
 
-    /// The point of the pass is the present one: take its weights, if wanted, and its covariance.
-    void take(const Pass& p, bool is_weight_renewed)
+    /// Take the covariance of a pass of the present point, triangle under the present weights, and how well it fits. Returns
+    /// the weights that its residuals teach, as log_std().
+    Eigen::VectorXd take(Pass& p, const Triangle& triangle)
     {
-        if (is_weight_renewed) { V = p.V; }
-        fit = p.fit;
-        for (std::size_t r = 0; r < fit.size(); ++r) { fit[r].noise_std = V[r].diagonal().cwiseSqrt(); }
-        eiv_correction = p.eiv_correction;
-        const Triangle& triangle = is_weight_renewed ? p.renewed : p.weighted;
         const Eigen::MatrixXd unit = triangle.covariance();
         P = scale.asDiagonal() * unit * scale.asDiagonal();
         n_observed = static_cast<double>(n) - unit.diagonal().cwiseQuotient(prior_variance()).sum();
+        const Eigen::VectorXd learnt = learnt_log_std(p);
+        fit = p.fit;
+        for (std::size_t r = 0; r < fit.size(); ++r) { fit[r].noise_std = V[r].diagonal().cwiseSqrt(); }
+        return learnt;
     }
 
     /// Prior variances of the unknowns in the present step, of the scale's squares: widened ones are above 1.
@@ -476,18 +519,19 @@ struct Problem {
     Point point() const { return {theta, xi, geometry}; }
     void go_to(const Point& p) { theta = p.theta, xi = p.xi, geometry = p.geometry; }
 
-    /// What each stretch of the runs contributes at the present point, under the present weights.
-    void blocks(std::vector<BatchBlock>& block, Eigen::MatrixXd& H_prior) const
+    /// What each stretch of the runs contributes at the present point, under the present weights; and spurious.
+    void blocks(std::vector<BatchBlock>& block, Eigen::MatrixXd& H_prior)
     {
-        const Config corrected = calibrated(config, xi);
+        const Pass p = pass();
         const Eigen::MatrixXd Ab = prior();
         H_prior = Ab.leftCols(n).transpose() * Ab.leftCols(n);
+        spurious.clear();
         for (std::size_t r = 0; r < runs.size(); ++r) {
-            RunWindows run = windows_under(config, corrected, runs[r], xi);
-            const Eigen::MatrixXd means = mean_rows(run.window, runs[r].derived);
-            H_prior += means.leftCols(n).transpose() * means.leftCols(n);
-            gate_rest(config, run);
-            if (!run.window.empty()) { cut(run, r, whitened(run, equations(run, runs[r], corrected), V[r]), block); }
+            const auto means = p.means[r].leftCols(n);
+            std::vector<Square6> factor;
+            H_prior += means.transpose() * means;
+            if (!p.run[r].window.empty()) { cut(p.run[r], r, whitened(p.run[r], p.measured[r], V[r], &factor), block); }
+            spurious.push_back(pretended(p.run[r], runs[r].derived, factor));
         }
     }
 
@@ -532,7 +576,8 @@ struct Problem {
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
-    std::vector<ipe_eiv_correction_t> eiv_correction;  ///< of the runs' regressors
+    std::vector<Covariance> spurious;  ///< information about theta that noise in each run's regressors pretends
+    bool is_weight_known = false;      ///< V is learnt: windows that stand out count for less
     double n_observed =
         0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;

@@ -7,14 +7,12 @@
 
 namespace inertiad::detail {
 
-/// Information about a group's theta that noise in its runs' regressors pretends (eiv_correction.h).
+/// Information about a group's theta that noise in its runs' regressors pretends.
 inline Covariance spurious_information(const Problem& problem, int group)
 {
     Covariance C = Covariance::Zero();
     for (std::size_t r = 0; r < problem.runs.size(); ++r) {
-        if (problem.runs[r].group != group) { continue; }
-        Matrix6 L = problem.V[r].llt().matrixL();
-        ipe_eiv_correction_information(&problem.eiv_correction[r], as_array(L), 1.0, as_array(C));
+        if (problem.runs[r].group == group) { C += problem.spurious[r]; }
     }
     return C;
 }

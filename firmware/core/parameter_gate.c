@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "parameter_gate.h"
+
+#include "consistency.h"
+
+#include <math.h>
+#include <string.h>
+
+#define NEW 4U             // of middle: the reader has not seen it
+#define AHEAD_NS 10000000  // 10 ms that a stamp may be ahead: chosen over the error between two clocks of one network
+
+static double seconds(int64_t ns)
+{
+    return 1e-9 * (double)ns;
+}
+
+/// Share of a transition of some seconds that is over since begin_ns.
+static double share(int64_t begin_ns, int64_t now_ns, double time)
+{
+    if (now_ns <= begin_ns) { return 0.0; }
+    return seconds(now_ns - begin_ns) >= time ? 1.0 : seconds(now_ns - begin_ns) / time;
+}
+
+static void mix(const double a[IPE_NP], const double b[IPE_NP], double x, double c[IPE_NP])
+{
+    for (int i = 0; i < IPE_NP; ++i) { c[i] = (1.0 - x) * a[i] + x * b[i]; }
+}
+
+static void evaluate(const ipe_parameter_gate_t* g, const ipe_gate_segment_t* s, int64_t now_ns,
+                     ipe_gate_parameters_t* p)
+{
+    const double T = g->limits.transition_time, x = share(s->begin_ns, now_ns, T);
+    mix(s->from, s->to, x, p->theta);
+    p->sequence = s->sequence;
+    p->source = s->has_estimate ? IPE_GATE_LIVE : IPE_GATE_NOMINAL;
+    p->age = s->has_estimate ? fmax(seconds(now_ns - s->begin_ns), 0.0) : -1.0;
+    p->is_moving = s->has_estimate && x < 1.0;
+    if (!s->has_estimate || p->age <= g->limits.age_max) { return; }
+    if (g->limits.keep_last_good) {
+        p->source = IPE_GATE_LAST_GOOD;
+        return;
+    }
+    const double y = share(s->begin_ns + (int64_t)(1e9 * g->limits.age_max), now_ns, T);
+    double theta[IPE_NP];
+    memcpy(theta, p->theta, sizeof theta);
+    mix(theta, g->nominal, y, p->theta);
+    p->is_moving = y < 1.0;
+    p->source = y < 1.0 ? IPE_GATE_FALLING_BACK : IPE_GATE_NOMINAL;
+}
+
+static bool is_finite(const ipe_gate_estimate_t* e)
+{
+    double sum = 0.0;
+    for (int i = 0; i < IPE_NP; ++i) {
+        sum += e->theta[i];
+        for (int j = 0; j < IPE_NP; ++j) { sum += e->covariance[i][j]; }
+    }
+    return isfinite(sum);
+}
+
+static double largest(const double* x, int n)
+{
+    double max = 0.0;
+    for (int i = 0; i < n; ++i) { max = fmax(max, x[i]); }
+    return max;
+}
+
+static bool is_sharp(const ipe_gate_limits_t* l, const ipe_body_t* b)
+{
+    const double trace = b->inertia_cog[0] + b->inertia_cog[1] + b->inertia_cog[2];
+    return b->mass_std <= l->mass_std * b->mass && largest(b->cog_std, 3) <= l->cog_std &&
+           largest(b->inertia_cog_std, 6) <= l->inertia_std * trace / 3.0;
+}
+
+/// Do n values agree, each within so many standard deviations of their difference?
+static bool agree(const double* a, const double* a_std, const double* b, const double* b_std, int n, double sigmas)
+{
+    for (int i = 0; i < n; ++i) {
+        if (fabs(a[i] - b[i]) > sigmas * sqrt(a_std[i] * a_std[i] + b_std[i] * b_std[i])) { return false; }
+    }
+    return true;
+}
+
+static bool are_one_body(const ipe_body_t* a, const ipe_body_t* b, double sigmas)
+{
+    return agree(&a->mass, &a->mass_std, &b->mass, &b->mass_std, 1, sigmas) &&
+           agree(a->cog, a->cog_std, b->cog, b->cog_std, 3, sigmas) &&
+           agree(a->inertia_cog, a->inertia_cog_std, b->inertia_cog, b->inertia_cog_std, 6, sigmas);
+}
+
+/// IPE_GATE_TAKEN: nothing speaks against it.
+static ipe_gate_reason_t judge(const ipe_parameter_gate_t* g, const ipe_gate_estimate_t* e, int64_t now_ns,
+                               bool is_live, ipe_body_t* body)
+{
+    const ipe_gate_limits_t* l = &g->limits;
+    if (!is_finite(e)) { return IPE_GATE_NOT_FINITE; }
+    if (e->sequence <= g->last_sequence && e->t_ns <= g->last_t_ns) { return IPE_GATE_OLD_SEQUENCE; }
+    if (seconds(now_ns - e->t_ns) > l->age_max || e->t_ns - now_ns > AHEAD_NS) { return IPE_GATE_TOO_OLD; }
+    if (e->verdict < 1 || e->verdict > l->verdict_max) { return IPE_GATE_VERDICT; }
+    if (e->is_change_pending) { return IPE_GATE_CHANGE_PENDING; }
+    for (int i = 0; i < IPE_NP; ++i) {
+        if (!e->observable[i]) { return IPE_GATE_UNOBSERVABLE; }
+    }
+    if (!ipe_consistency_check(e->theta) || ipe_body_from_theta(e->theta, e->covariance, body) != IPE_OK) {
+        return IPE_GATE_INCONSISTENT;
+    }
+    if (!is_sharp(l, body)) { return IPE_GATE_SIGMA; }
+    if (is_live && e->n_changes == g->last_n_changes && !are_one_body(body, &g->last, l->step_sigmas)) {
+        return IPE_GATE_CONTRADICTION;
+    }
+    return IPE_GATE_TAKEN;
+}
+
+/// Hand the writer's segment to the reader.
+static void publish(ipe_parameter_gate_t* g)
+{
+    g->slot[g->writing] = g->now;
+    g->writing = __atomic_exchange_n(&g->middle, (unsigned char)(g->writing | NEW), __ATOMIC_ACQ_REL) & 3U;
+}
+
+ipe_gate_limits_t ipe_parameter_gate_default(void)
+{
+    return (ipe_gate_limits_t){.mass_std = 0.02,
+                               .cog_std = 0.02,
+                               .inertia_std = 0.2,
+                               .verdict_max = 1,
+                               .age_max = 1.0,
+                               .transition_time = 0.5,
+                               .step_sigmas = 6.0,
+                               .n_return = 5};
+}
+
+ipe_status_t ipe_parameter_gate_init(ipe_parameter_gate_t* g, const ipe_gate_limits_t* limits,
+                                     const double nominal[IPE_NP])
+{
+    const ipe_gate_limits_t* l = limits;
+    const bool is_good = l->mass_std > 0.0 && l->cog_std > 0.0 && l->inertia_std > 0.0 && l->age_max > 0.0 &&
+                         l->transition_time >= 0.0 && l->step_sigmas > 0.0 && l->n_return >= 1 && l->verdict_max >= 1;
+    if (!is_good || !ipe_consistency_check(nominal)) { return IPE_ERR_RANGE; }
+    memset(g, 0, sizeof *g);
+    g->limits = *limits;
+    memcpy(g->nominal, nominal, sizeof g->nominal);
+    memcpy(g->now.from, nominal, sizeof g->now.from);
+    memcpy(g->now.to, nominal, sizeof g->now.to);
+    g->now.sequence = -1;
+    for (int i = 0; i < 3; ++i) { g->slot[i] = g->now; }
+    g->writing = 0, g->middle = 1, g->reading = 2;
+    g->last_sequence = -1, g->last_t_ns = INT64_MIN;
+    return IPE_OK;
+}
+
+ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_gate_estimate_t* e, int64_t now_ns)
+{
+    ipe_gate_parameters_t before;
+    evaluate(g, &g->now, now_ns, &before);
+    const bool is_live = before.source == IPE_GATE_LIVE;
+    const bool is_restart = e->sequence <= g->last_sequence;  // with a newer t_ns: the daemon began again
+
+    ipe_body_t body = {0};
+    ipe_gate_reason_t reason = judge(g, e, now_ns, is_live && !is_restart, &body);
+    if (reason != IPE_GATE_NOT_FINITE && reason != IPE_GATE_OLD_SEQUENCE && reason != IPE_GATE_TOO_OLD) {
+        g->last_sequence = e->sequence, g->last_t_ns = e->t_ns;
+    }
+    const bool is_break = is_restart || seconds(now_ns - g->acceptable_ns) > g->limits.age_max;
+    g->n_in_a_row = reason != IPE_GATE_TAKEN ? 0 : is_break ? 1 : g->n_in_a_row + 1;
+    if (reason == IPE_GATE_TAKEN) { g->acceptable_ns = now_ns; }
+    if (reason == IPE_GATE_TAKEN && (!is_live || is_restart) && g->n_in_a_row < g->limits.n_return) {
+        reason = IPE_GATE_WAITS;
+    }
+    ++g->n[reason];
+    if (reason != IPE_GATE_TAKEN) { return reason; }
+    memcpy(g->now.from, before.theta, sizeof before.theta);
+    memcpy(g->now.to, e->theta, sizeof e->theta);
+    g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true;
+    g->last = body, g->last_n_changes = e->n_changes;
+    publish(g);
+    return IPE_GATE_TAKEN;
+}
+
+void ipe_parameter_gate_read(ipe_parameter_gate_t* g, int64_t now_ns, ipe_gate_parameters_t* parameters)
+{
+    if (__atomic_load_n(&g->middle, __ATOMIC_RELAXED) & NEW) {
+        g->reading = __atomic_exchange_n(&g->middle, g->reading, __ATOMIC_ACQ_REL) & 3U;
+    }
+    evaluate(g, &g->slot[g->reading], now_ns, parameters);
+}
+
+const char* ipe_parameter_gate_text(ipe_gate_reason_t reason)
+{
+    static const char* const TEXT[IPE_GATE_REASONS] = {
+        [IPE_GATE_TAKEN] = "taken",
+        [IPE_GATE_WAITS] = "acceptable; more of them in a row are needed",
+        [IPE_GATE_NOT_FINITE] = "a number is not finite",
+        [IPE_GATE_OLD_SEQUENCE] = "not newer than the last estimate",
+        [IPE_GATE_TOO_OLD] = "its time is too long ago, or ahead of the clock",
+        [IPE_GATE_VERDICT] = "its verdict is worse than allowed",
+        [IPE_GATE_CHANGE_PENDING] = "a change of payload is being looked at",
+        [IPE_GATE_UNOBSERVABLE] = "a parameter is not observable yet",
+        [IPE_GATE_SIGMA] = "a standard deviation is over its limit",
+        [IPE_GATE_INCONSISTENT] = "no body with these parameters can exist",
+        [IPE_GATE_CONTRADICTION] = "it contradicts the last estimate, and no payload changed",
+    };
+    return (unsigned)reason < IPE_GATE_REASONS ? TEXT[reason] : "unknown";
+}

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The daemon on a log of another robot; the counters at its end."""
+
+import subprocess
+
+import pytest
+from conftest import COGIRO, TOP
+
+from inertiad.robot import configuration, description
+
+OTHER = "".join(f"({1 + k / 1000:.6f}) can0 {('7A1', '1ABCDEF0')[k % 2]}#0011223344556677\n" for k in range(100))
+
+
+@pytest.fixture
+def daemon(tmp_path):
+    """Run the daemon on the text of a candump log."""
+    config = tmp_path / "robot.cfg"
+    configuration.write(config, description.load(COGIRO / "robot.toml"), "robot.toml")
+
+    def run(text, *options):
+        log = tmp_path / "can.log"
+        log.write_text(text)
+        tracker = tmp_path / "tracker.csv"
+        tracker.write_text("t,x,y,z\n0.5,0,0,2\n0.6,0,0,2\n")
+        command = [TOP / "build/bin/inertiad", "--config", config, "--bus", f"file:{log}", "--lcm", "none", *options]
+        command += ["--tracker", f"file:{tracker}"]
+        return subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=60)
+
+    return run
+
+
+def test_log_in_which_nothing_is_bound_is_refused_with_the_identifiers(daemon):
+    done = daemon(OTHER)
+    assert done.returncode == 1
+    said = [line.removeprefix("inertiad: ") for line in done.stderr.splitlines() if line.startswith("inertiad: --bus")]
+    assert said[0].startswith("--bus: no frame of the log belongs to a signal of ")
+    received, expected = said[1].removeprefix("--bus: received ").split("; expected ")
+    assert received == "7A1 on bus 0, 1ABCDEF0 on bus 0"
+    ids = {f"{b.can_id:03X} on bus 0" for b in dbc_bindings()}
+    assert set(expected.split(", ")) == ids
+
+
+def dbc_bindings():
+    from inertiad.robot import dbc
+
+    return dbc.bind(description.load(COGIRO / "robot.toml"), "robot.toml")
+
+
+def test_one_frame_that_is_bound_is_enough(daemon):
+    known = next(iter(dbc_bindings()))
+    frame = f"(0.500000) can0 {known.can_id:03X}#{'00' * known.message.length}\n"
+    assert daemon(frame + OTHER).returncode == 0
+
+
+def test_a_log_without_frames_is_no_wrong_log(daemon):
+    assert daemon("").returncode == 0
+
+
+@pytest.mark.parametrize("option", ["-v", "--verbose"])
+def test_counters_of_zero_are_printed_on_request_only(daemon, option):
+    def counters(done):
+        rows = [line.removeprefix("inertiad: ").split() for line in done.stderr.splitlines()]
+        return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
+
+    short, long = counters(daemon(OTHER)), counters(daemon(OTHER, option))
+    assert short["bus0.frames"] == short["decode.unknown_id"] == 100
+    assert 0 not in short.values()
+    assert {name: n for name, n in long.items() if n} == short
+    assert len(long) > 60
