@@ -101,7 +101,7 @@ def config(tmp_path_factory) -> Path:
 
 
 def session(config: Path, script: str, *options: str) -> dict:
-    daemon = [str(DAEMON), "--config", str(config), "--bus", "file:-", *options]
+    daemon = [str(DAEMON), "-v", "--config", str(config), "--bus", "file:-", *options]
     command = [*ISOLATED, sys.executable, "-c", SESSION, json.dumps(daemon), script]
     done = subprocess.run(command, capture_output=True, text=True, timeout=90, cwd=TOP)
     assert done.returncode == 0, done.stderr
