@@ -30,11 +30,14 @@ UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/
 BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
 ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.cpp)))
 
-VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' host/inertiad/pyproject.toml)
-
 # No -ffast-math and no contraction: the same log gives the same bytes on every machine.
 OPT ?= -O2 -g
-FLAGS = $(OPT) $(SANITIZE) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion $(WERROR) -MD -MP
+# Checked by test/host/test_hardening.py. Not under sanitizers, which check more and which _FORTIFY_SOURCE would blind.
+BRANCHES := $(firstword $(foreach f,-fcf-protection=full -mbranch-protection=standard,$(shell $(CC) $(f) -x c -E /dev/null -o /dev/null 2>/dev/null && echo $(f))))
+HARDENING = $(if $(SANITIZE),,-fstack-protector-strong -U_FORTIFY_SOURCE -D_FORTIFY_SOURCE=2 $(BRANCHES))
+LDFLAGS = -Wl,-z,relro,-z,now,-z,noexecstack
+FLAGS = $(OPT) $(SANITIZE) $(HARDENING) -fPIC -fno-math-errno -ffp-contract=off -fstack-usage -Wall -Wextra -Wconversion \
+    $(WERROR) -MD -MP
 INCLUDE := -Ifirmware/core -Ifirmware/io -isystem build/gen -isystem $(SITE)/include
 CFLAGS = -std=gnu11 $(FLAGS) -Wshadow -Wstrict-prototypes -Wmissing-prototypes $(INCLUDE)
 CXXFLAGS = -std=c++17 $(FLAGS) $(INCLUDE) -Ihost/eigen/include -isystem /usr/include/eigen3
@@ -91,7 +94,7 @@ $(B)/bin/inertiactl: tools/inertiactl
 	$(Q)install -m 755 $< $@
 $(B)/bin/inertiad: $(APP) $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
-	$(call say,ld  $@)$(CC) $(SANITIZE) $(APP) $(LIBS) -o $@
+	$(call say,ld  $@)$(CC) -pie $(LDFLAGS) $(SANITIZE) $(APP) $(LIBS) -o $@
 $(B)/bin/examples/%: $(B)/obj/host/eigen/examples/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
@@ -107,7 +110,7 @@ $(B)/obj/nanobind.o: | .venv/run.stamp
 $(B)/python/inertiad_core.so: $(patsubst %.cpp,$(B)/obj/%.o,$(wildcard host/eigen/python/core/*.cpp))
 $(B)/python/%.so: $(B)/obj/host/eigen/python/%.o $(B)/obj/nanobind.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
-	$(call say,ld  $@)$(CXX) -shared $(filter %.o,$^) $(LIBS) -Wl,--exclude-libs,ALL -o $@
+	$(call say,ld  $@)$(CXX) -shared $(LDFLAGS) $(filter %.o,$^) $(LIBS) -Wl,--exclude-libs,ALL -o $@
 
 ## Simulate the paper's experiment, stream it through the daemon, compare with the truth
 demo: build

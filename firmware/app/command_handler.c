@@ -10,6 +10,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 typedef struct {
     bool is_done;
@@ -117,12 +118,60 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
                   rejecting == NULL ? "" : rejecting);
 }
 
+/// True if text is UTF-8 without control characters: it goes to terminals and into the record.
+static bool is_printable(const char* text)
+{
+    static const uint32_t LEAST[] = {0, 0x80, 0x800, 0x10000};  // by the number of bytes that follow the first
+    for (const uint8_t* at = (const uint8_t*)text; *at != 0;) {
+        const int n = *at < 0x80 ? 0 : *at < 0xC0 ? -1 : *at < 0xE0 ? 1 : *at < 0xF0 ? 2 : *at < 0xF8 ? 3 : -1;
+        if (n < 0) { return false; }
+        uint32_t code = n == 0 ? *at : *at & (0x3FU >> n);
+        ++at;
+        for (int i = 0; i < n; ++i, ++at) {
+            if ((*at & 0xC0U) != 0x80) { return false; }
+            code = (code << 6) | (*at & 0x3FU);
+        }
+        const bool is_control = code < 0x20 || (code >= 0x7F && code < 0xA0) || code == 0x2028 || code == 0x2029;
+        if (is_control || code < LEAST[n] || code > 0x10FFFF || (code >= 0xD800 && code < 0xE000)) { return false; }
+    }
+    return true;
+}
+
 static answer_t mark(const char* text)
 {
     if (text[0] == '\0' || strlen(text) > IPE_COMMAND_TEXT_MAX) {
         return answer(false, "the text of a mark must have 1 to %d bytes", IPE_COMMAND_TEXT_MAX);
     }
+    if (!is_printable(text)) { return answer(false, "the text of a mark must be one line of UTF-8"); }
     return answer(true, "%s", text);
+}
+
+/// True if the command is new. A repeated one gets no answer: its sender has one, and nobody else asked.
+static bool is_new(daemon_t* d, const ipe_command_t* command, answer_t* a)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_REALTIME, &now);
+    const int64_t now_ns = (int64_t)now.tv_sec * NS_PER_S + now.tv_nsec;
+    const int limit = (int)(IPE_COMMAND_AGE_MAX / NS_PER_S);
+    switch (ipe_command_guard_check(&d->command_guard, command, now_ns)) {
+    case IPE_COMMAND_OLD:
+        d->n_commands_old++;
+        *a = answer(false, "sent more than %d s ago by its time stamp; set the clocks of both hosts", limit);
+        return false;
+    case IPE_COMMAND_AHEAD:
+        d->n_commands_old++;
+        *a = answer(false, "sent more than %d s in the future by its time stamp; set the clocks of both hosts", limit);
+        return false;
+    case IPE_COMMAND_REPEATED:
+        d->n_commands_repeated++;
+        *a = answer(false, "carried out before");
+        return false;
+    case IPE_COMMAND_TOO_MANY:
+        *a = answer(false, "%d commands within %d s; send fewer", IPE_COMMANDS_KEPT, limit);
+        return false;
+    case IPE_COMMAND_NEW:
+    default: return true;
+    }
 }
 
 static answer_t execute(daemon_t* d, const ipe_command_t* command)
@@ -149,11 +198,14 @@ void command_handler_execute(daemon_t* d, const ipe_inbox_item_t* item)
     char text[REASON_SIZE];
     const ipe_command_t* command = &item->command;
     ipe_publish_received(&d->publisher, IPE_PUBLISH_COMMAND, daemon_now(d), item->data, item->n);
-    const answer_t a = execute(d, command);
+    const uint64_t n_repeated = d->n_commands_repeated;
+    answer_t a;
+    if (is_new(d, command, &a)) { a = execute(d, command); }
     d->n_commands_done += a.is_done ? 1 : 0;
     d->n_commands_refused += a.is_done ? 0 : 1;
     (void)snprintf(text, sizeof text, "%s %s: %.*s", name_of(command->kind), a.is_done ? "done" : "refused",
                    REASON_SIZE - 32, a.text);
-    ipe_message("%s", text);
+    if (a.is_done || ipe_message_allowed(&d->command_limit, "command")) { ipe_message("%s", text); }
+    if (d->n_commands_repeated != n_repeated) { return; }
     ipe_publish_answer(&d->publisher, daemon_now(d), command, a.is_done, text);
 }

@@ -3,7 +3,8 @@
 /// allocated. Parts call and include only parts further right or below:
 ///
 ///   inertiad -> options
-///            -> open -> loop                   waits for input and calls one of
+///            -> open -> output_files           what may not be overwritten
+///                    -> loop                   waits for input and calls one of
 ///            -> loop -> data_path              frames and positions -> pipeline -> LCM and record
 ///                    -> command_handler        commands; uses data_path
 ///                    -> monitor                buses, losses, clock, sensors; once a second HEALTH, watchdog, checkpoint
@@ -13,6 +14,7 @@
 #define IPE_DAEMON_H
 
 #include "checkpoint.h"
+#include "command_guard.h"
 #include "config_file.h"
 #include "counters.h"
 #include "host_clock.h"
@@ -54,8 +56,10 @@ typedef struct {
     ipe_source_socketcan_t interface[IPE_BUSES_MAX];
     unsigned n_interfaces;  ///< 0: recorded input
     ipe_inbox_t inbox;
+    ipe_command_guard_t command_guard;
+    ipe_message_limit_t command_limit;  ///< of refusals on stderr
     ipe_pipeline_t pipelines[2];
-    ipe_pipeline_t* pipeline;  ///< the one in use; the other is where a new configuration is tried
+    ipe_pipeline_t* pipeline;           ///< the one in use; the other is where a new configuration is tried
     ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;
@@ -67,6 +71,7 @@ typedef struct {
     int epoll_fd, signal_fd, second_fd, pace_fd;
     int64_t collect_ns;  ///< pause before frames are read, so that several are read at once; 0: none
     bool is_done;
+    bool can_retry;      ///< the start was refused for a reason that may go away
     bool is_replay_runnable;
     ipe_host_clock_t clock;
     ipe_histogram_t decoded, estimated;
@@ -78,20 +83,24 @@ typedef struct {
 
     health_carried_t carried;
     uint64_t n_commands_done, n_commands_refused;
+    uint64_t n_commands_old;                 ///< of the refused: not stamped with the present time
+    uint64_t n_commands_repeated;            ///< of the refused: carried out before
+    uint64_t n_positions_unused;             ///< came over LCM while the position comes from elsewhere
     uint64_t n_frames_last;                  ///< taken in until the last tick
     uint64_t n_frames_tick;                  ///< of them in the second before it
     ipe_bus_state_t bus_state[IPE_BUSES_MAX];
     unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
-    loss_t late[IPE_SENSOR_COUNT];           ///< samples too late for the rows
-    loss_t unknown_force[IPE_CABLES_MAX];    ///< samples of force that do not tell a cable's
+    loss_t foreign_commands, foreign_positions, other_positions, unused_positions;  ///< messages refused on arrival
+    loss_t late[IPE_SENSOR_COUNT];                                                  ///< samples too late for the rows
+    loss_t unknown_force[IPE_CABLES_MAX];  ///< samples of force that do not tell a cable's
     ipe_presence_t presence[IPE_SENSOR_COUNT];
-    int64_t presence_due_ns;                 ///< data time of the next check of the sensors
-    ipe_host_facts_t facts;                  ///< read at the start
-    int n_facts_ticks;                       ///< until HOST is sent again
-    int n_ticks;                             ///< since the last checkpoint
-    uint64_t n_changes_reported;             ///< payload changes
-    double force_delay_reported;             ///< s
+    int64_t presence_due_ns;               ///< data time of the next check of the sensors
+    ipe_host_facts_t facts;                ///< read at the start
+    int n_facts_ticks;                     ///< until HOST is sent again
+    int n_ticks;                           ///< since the last checkpoint
+    uint64_t n_changes_reported;           ///< payload changes
+    double force_delay_reported;           ///< s
     bool is_misfit_reported;
     bool is_widening_reported;
     bool is_damage_reported;

@@ -62,9 +62,12 @@ void health_count(daemon_t* d)
     for (unsigned k = 0; (cause = ipe_inbox_counter(&d->inbox, k, &value)) != NULL; ++k) {
         ipe_counters_add(&d->counters, "lcm", cause, value);
     }
+    ipe_counters_add(&d->counters, "lcm", "tracker_unused", d->n_positions_unused);
     ipe_counters_add(&d->counters, "clock", "host_steps", d->clock.n_steps);
     ipe_counters_add(&d->counters, "command", "done", d->n_commands_done);
     ipe_counters_add(&d->counters, "command", "refused", d->n_commands_refused);
+    ipe_counters_add(&d->counters, "command", "old", d->n_commands_old);
+    ipe_counters_add(&d->counters, "command", "repeated", d->n_commands_repeated);
     for (unsigned k = 0; d->option.record != NULL && (cause = ipe_record_counter(&d->recorder, k, &value)) != NULL;
          ++k) {
         ipe_counters_add(&d->counters, "record", cause, value);

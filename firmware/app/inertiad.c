@@ -2,20 +2,42 @@
 /// The daemon: options -> open -> loop -> close.
 ///
 /// One thread with one epoll set, and one thread each that writes the record and the checkpoint; no heap after start.
-/// Exit status: 0 end of input, SIGTERM or SIGINT; 1 estimate, checkpoint or the record of a replay not written, or no
-/// frame of a log belongs to a signal; 2 could not start.
+/// SIGTERM, SIGINT, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU and SIGXFSZ end it as the end of the input does.
+/// Exit status: 0 end of input, or a signal; 1 estimate, checkpoint or the record of a replay not written, or no frame of a
+/// log belongs to a signal; 2 unusable options or files; 3 could not start now, may be able to later: record or checkpoint
+/// cannot be written or are in use, LCM has no network.
 #include "close.h"
 #include "loop.h"
 #include "open.h"
 
-enum { STATUS_GOOD = 0, STATUS_NOT_WRITTEN = 1, STATUS_USAGE = 2 };
+#include <fcntl.h>
+#include <unistd.h>
+
+enum { STATUS_GOOD = 0, STATUS_NOT_WRITTEN = 1, STATUS_USAGE = 2, STATUS_RETRY = 3 };
+
+/// Where stdin, stdout or stderr is closed, the next file opened would take its place, and messages would go into it.
+static void fill_standard_descriptors(void)
+{
+    int fd;
+    do {
+        fd = open("/dev/null", O_WRONLY);
+    } while (fd >= 0 && fd < STDERR_FILENO);
+    if (fd > STDERR_FILENO) { (void)close(fd); }
+}
+
+static int status_of_refusal(const daemon_t* d)
+{
+    if (d->is_done) { return STATUS_GOOD; }  // stopped while it waited for an input
+    return d->can_retry ? STATUS_RETRY : STATUS_USAGE;
+}
 
 int main(int argc, char** argv)
 {
     static daemon_t self;
+    fill_standard_descriptors();
     const options_result_t result = options_read(&self.option, argc, argv);
     if (result != OPTIONS_RUN) { return result == OPTIONS_PRINTED ? STATUS_GOOD : STATUS_USAGE; }
-    if (daemon_open(&self) != 0) { return STATUS_USAGE; }
+    if (daemon_open(&self) != 0) { return status_of_refusal(&self); }
     ipe_notify_send(&self.notify, "READY=1\nSTATUS=waiting for frames");
     loop_run(&self);
     ipe_notify_send(&self.notify, "STOPPING=1");

@@ -124,6 +124,17 @@ static void read_interface(daemon_t* d, unsigned i)
     monitor_interface(d, i);
 }
 
+static void use_position(daemon_t* d, const ipe_inbox_item_t* item)
+{
+    const int64_t t_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, item->t_ns) : item->t_ns;
+    ipe_publish_received(&d->publisher, IPE_PUBLISH_TRACKER, t_ns, item->data, item->n);
+    if (d->replay.has_tracker || d->config.position_source != IPE_POSITION_TRACKER) {
+        d->n_positions_unused++;
+        return;
+    }
+    data_path_position(d, t_ns, item->position, ipe_host_clock_now(&d->clock));
+}
+
 static void read_inbox(daemon_t* d)
 {
     ipe_inbox_item_t item;
@@ -132,9 +143,7 @@ static void read_inbox(daemon_t* d)
         if (kind == IPE_INBOX_COMMAND) {
             command_handler_execute(d, &item);
         } else {
-            const int64_t t_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, item.t_ns) : item.t_ns;
-            ipe_publish_received(&d->publisher, IPE_PUBLISH_TRACKER, t_ns, item.data, item.n);
-            data_path_position(d, t_ns, item.position, ipe_host_clock_now(&d->clock));
+            use_position(d, &item);
         }
     }
 }

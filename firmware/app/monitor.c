@@ -4,12 +4,13 @@
 #include "health.h"
 #include "message.h"
 
+#include <arpa/inet.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
-enum { CHECKPOINT_TICKS = 5, FACTS_TICKS = 60, STATE_EVENTS_MAX = 10 };
+enum { CHECKPOINT_TICKS = 5, FACTS_TICKS = 60, STATE_EVENTS_MAX = 10, SENDER_MAX = 32 };
 static const int64_t PRESENCE_NS = NS_PER_S / 10;
 #define WIDENING_OVER 1.2  // factor on sigma below which a widening is reported as over: chosen under IPE_MISFIT_MARKED
 
@@ -104,8 +105,52 @@ static void report_lcm(daemon_t* d)
     }
 }
 
+/// ADDRESS:PORT of a sender.
+static const char* name_sender(const struct sockaddr_in* from, char text[SENDER_MAX])
+{
+    char address[INET_ADDRSTRLEN] = "?";
+    (void)inet_ntop(AF_INET, &from->sin_addr, address, sizeof address);
+    (void)snprintf(text, SENDER_MAX, "%s:%u", address, ntohs(from->sin_port));
+    return text;
+}
+
+static void report_refused(daemon_t* d, loss_t* l, uint64_t n, const char* source, const char* format, ...)
+    __attribute__((format(printf, 5, 6)));
+
+/// Messages on a channel of ours that are refused as they arrive, n so far: the line when it begins, the sum when it ends.
+static void report_refused(daemon_t* d, loss_t* l, uint64_t n, const char* source, const char* format, ...)
+{
+    char text[REASON_SIZE];
+    const loss_change_t change = update_loss(l, n);
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    if (change == LOSS_BEGAN) { report(d, source, "%s", text); }
+    if (change == LOSS_ENDED) { report(d, source, "no more messages are refused; %" PRIu64 " were", n - l->n_before); }
+}
+
+static void report_inbox(daemon_t* d)
+{
+    char text[2][SENDER_MAX];
+    const ipe_inbox_t* b = &d->inbox;
+    const char* position = health_sensor_name(IPE_POSITION);
+    const char* foreign = name_sender(&b->foreign, text[0]);
+    report_refused(d, &d->foreign_commands, b->n_commands_foreign, "command",
+                   "COMMAND from %s is refused; --commands says who may send it", foreign);
+    report_refused(d, &d->foreign_positions, b->n_positions_foreign, position,
+                   "TRACKER from %s, which is not this host, is refused; --tracker lcm:network takes it", foreign);
+    report_refused(d, &d->unused_positions, d->n_positions_unused, position,
+                   "TRACKER is not used: the position comes from elsewhere");
+    const char* other = name_sender(&b->other, text[0]);
+    report_refused(d, &d->other_positions, b->n_positions_other, position,
+                   "a second publisher of TRACKER, %s, is refused as long as %s sends; stop one of them", other,
+                   name_sender(&b->publisher, text[1]));
+}
+
 static void report_losses(daemon_t* d)
 {
+    report_inbox(d);
     for (unsigned i = 0; i < d->option.n_buses; ++i) { report_bus_loss(d, i); }
     if (d->is_recording) { report_record(d); }
     report_lcm(d);

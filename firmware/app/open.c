@@ -2,13 +2,16 @@
 #include "open.h"
 
 #include "estimate_file.h"
+#include "lock.h"
 #include "loop.h"
 #include "message.h"
+#include "output_files.h"
 #include "realtime.h"
 #include "url.h"
 
 #include <errno.h>
 #include <limits.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,6 +20,7 @@
 #include <unistd.h>
 
 enum { RECORD_LIMIT_MAX = 1000000 };
+static const char TRACKER_HOST[] = "lcm", TRACKER_NETWORK[] = "lcm:network";
 static const double SPEED_MAX = 1e6;
 static const double FASTEST_BUS = 30000.0;  // frames/s: CAN FD, no data
 static const double COLLECT_SHARE = 0.5;    // of a receive buffer, filled by frames that gather
@@ -27,6 +31,20 @@ static bool is_interface_address(const char* address)
     return strncmp(address, "socketcan:", strlen("socketcan:")) == 0;
 }
 
+/// Refuse what may work later: a disk that is full or read-only, a file that another daemon holds, a network that is not up.
+static int refuse_for_now(daemon_t* d, const char* name, const char* reason)
+{
+    d->can_retry = true;
+    return daemon_refuse(name, reason);
+}
+
+/// True if positions come as TRACKER messages.
+static bool is_tracker_lcm(const daemon_t* d)
+{
+    const char* address = d->option.tracker;
+    return address == NULL || strcmp(address, TRACKER_HOST) == 0 || strcmp(address, TRACKER_NETWORK) == 0;
+}
+
 /// All recorded or all live.
 static int check_buses(const daemon_t* d)
 {
@@ -34,7 +52,7 @@ static int check_buses(const daemon_t* d)
         if (is_interface_address(d->option.bus[i]) == is_interface_address(d->option.bus[0])) { continue; }
         return daemon_refuse("--bus", "files and interfaces cannot be mixed: their times differ");
     }
-    if (is_interface_address(d->option.bus[0]) && d->option.tracker != NULL) {
+    if (is_interface_address(d->option.bus[0]) && !is_tracker_lcm(d)) {
         return daemon_refuse("--tracker",
                              "a file cannot go with interfaces: their times differ; send TRACKER over LCM");
     }
@@ -133,11 +151,17 @@ static void set_collecting(daemon_t* d)
     d->collect_ns = (int64_t)(1e9 * longest);
 }
 
+static bool is_stopped(const daemon_t* d)
+{
+    struct pollfd stop = {.fd = d->signal_fd, .events = POLLIN};
+    return poll(&stop, 1, 0) > 0;
+}
+
 static int open_tracker(daemon_t* d)
 {
     ipe_url_t url;
     char reason[REASON_SIZE];
-    if (d->option.tracker == NULL) { return 0; }
+    if (is_tracker_lcm(d)) { return 0; }
     if (!ipe_url_parse(&url, d->option.tracker, "file", "", reason, sizeof reason)) {
         return daemon_refuse("--tracker", reason);
     }
@@ -148,7 +172,8 @@ static int open_tracker(daemon_t* d)
     if (strcmp(url.path, "-") == 0 && is_stdin_taken(d)) {
         return daemon_refuse("--tracker", "stdin is taken by --bus file:-");
     }
-    if (ipe_source_tracker_file_open(&d->replay.tracker, url.path, reason, sizeof reason) != 0) {
+    if (ipe_source_tracker_file_open(&d->replay.tracker, url.path, d->signal_fd, reason, sizeof reason) != 0) {
+        d->is_done = is_stopped(d);
         return daemon_refuse("--tracker", reason);
     }
     d->replay.has_tracker = true;
@@ -194,8 +219,9 @@ static int open_record(daemon_t* d)
                                     .n_config_bytes = d->n_config_bytes,
                                     .rotate_bytes = bytes,
                                     .rotate_us = (int64_t)us,
-                                    .waits = d->n_interfaces == 0 && d->replay.speed == 0.0};
-    if (ipe_record_open(&d->recorder, &o, reason, sizeof reason) != 0) { return daemon_refuse("--record", reason); }
+                                    .waits = d->n_interfaces == 0 && d->replay.speed == 0.0,
+                                    .stop_fd = d->signal_fd};
+    if (ipe_record_open(&d->recorder, &o, reason, sizeof reason) != 0) { return refuse_for_now(d, "--record", reason); }
     d->is_recording = true;
     ipe_publish_record(&d->publisher, &d->recorder);
     return 0;
@@ -205,9 +231,12 @@ static int open_record(daemon_t* d)
 static int open_checkpoint(daemon_t* d)
 {
     char reason[REASON_SIZE];
+    if (ipe_lock_file(d->option.checkpoint, reason, sizeof reason) < 0) {
+        return refuse_for_now(d, "--checkpoint", reason);
+    }
     if (ipe_checkpoint_open(&d->checkpoint, d->option.checkpoint, d->config_bytes, d->n_config_bytes, reason,
                             sizeof reason) != 0) {
-        return daemon_refuse("--checkpoint", reason);
+        return refuse_for_now(d, "--checkpoint", reason);
     }
     const int status = ipe_checkpoint_load(&d->checkpoint, d->pipeline, reason, sizeof reason);
     d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
@@ -223,23 +252,40 @@ static int open_checkpoint(daemon_t* d)
 static int open_lcm(daemon_t* d)
 {
     char reason[REASON_SIZE];
+    if (strncmp(d->option.lcm, "udpm:", strlen("udpm:")) == 0 &&
+        ipe_lock_channels(d->option.lcm, d->option.lcm_prefix, reason, sizeof reason) < 0) {
+        return refuse_for_now(d, "--lcm-prefix", reason);
+    }
     if (ipe_publish_open(&d->publisher, d->option.lcm, d->option.lcm_prefix, &d->config, reason, sizeof reason) != 0) {
-        return daemon_refuse("--lcm", reason);
+        return refuse_for_now(d, "--lcm", reason);
     }
-    if (ipe_inbox_open(&d->inbox, d->option.lcm, d->publisher.channel[IPE_PUBLISH_TRACKER],
-                       d->publisher.channel[IPE_PUBLISH_COMMAND], reason, sizeof reason) != 0) {
-        return daemon_refuse("--lcm", reason);
-    }
+    const bool is_tracker_remote = d->option.tracker != NULL && strcmp(d->option.tracker, TRACKER_NETWORK) == 0;
+    const ipe_inbox_options_t o = {
+        .url = d->option.lcm,
+        .tracker = d->publisher.channel[IPE_PUBLISH_TRACKER],
+        .command = d->publisher.channel[IPE_PUBLISH_COMMAND],
+        .tracker_from = is_tracker_remote ? IPE_INBOX_ORIGIN_NETWORK : IPE_INBOX_ORIGIN_HOST,
+        .command_from = d->option.commands,
+    };
+    if (ipe_inbox_open(&d->inbox, &o, reason, sizeof reason) != 0) { return refuse_for_now(d, "--lcm", reason); }
     return 0;
 }
 
-/// Signals arrive through a descriptor. Blocked before LCM starts its thread, which inherits this.
+static bool is_ignored(int number)
+{
+    struct sigaction action;
+    return sigaction(number, NULL, &action) == 0 && action.sa_handler == SIG_IGN;
+}
+
+/// Signals arrive through a descriptor, all with the same meaning: end. Blocked before LCM starts its thread, which inherits this.
 static int open_signals(daemon_t* d)
 {
+    static const int ENDING[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU, SIGXFSZ};
     sigset_t set;
     sigemptyset(&set);
-    sigaddset(&set, SIGINT);
-    sigaddset(&set, SIGTERM);
+    for (size_t i = 0; i < sizeof ENDING / sizeof ENDING[0]; ++i) {
+        if (ENDING[i] != SIGHUP || !is_ignored(SIGHUP)) { sigaddset(&set, ENDING[i]); }  // ignored: nohup
+    }
     (void)signal(SIGPIPE, SIG_IGN);
     if (sigprocmask(SIG_BLOCK, &set, NULL) != 0) { return -1; }
     d->signal_fd = signalfd(-1, &set, SFD_CLOEXEC | SFD_NONBLOCK);
@@ -305,7 +351,7 @@ int daemon_open(daemon_t* d)
     ipe_rest_detector_init(&d->rest);
     ipe_host_clock_init(&d->clock, clock_gettime);
     open_notify(d);
-    if (open_config(d) != 0) { return -1; }
+    if (output_files_check(d) != 0 || open_config(d) != 0) { return -1; }
     if (ipe_pipeline_init(d->pipeline, &d->config, reason, sizeof reason) != IPE_OK) {
         return daemon_refuse(d->option.config, reason);
     }

@@ -6,6 +6,7 @@
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { CPUS_MAX = 1024 };
 static const double COLLECT_MAX = 0.1, COLLECT_DEFAULT = 0.005;  // s
@@ -19,9 +20,11 @@ static const char USAGE[] =
     "      socketcan:can0[?filter=off]            a CAN interface; off: receive frames nothing is bound to, too\n"
     "      file:can.log[?speed=1][&interface=can0]  a candump log, file:- stdin; speed 0 (default): as fast as possible,\n"
     "                                             1: as recorded; interface: take the frames of this one only\n"
-    "  --tracker file:FILE positions of the tracked point, CSV with the columns t,x,y,z; default: from LCM\n"
+    "  --tracker ADDRESS   positions of the tracked point: file:FILE, a CSV with the columns t,x,y,z; lcm (default): TRACKER\n"
+    "                      messages of programs on this host; lcm:network: of other hosts, too\n"
     "  --lcm URL           where to publish, none: nowhere; default udpm://239.255.76.67:7667?ttl=0\n"
     "  --lcm-prefix TEXT   of every channel; default INERTIAD_\n"
+    "  --commands WHO      take commands from: off: nobody; local (default): programs on this host; network: other hosts, too\n"
     "  --record FILE[?rotate_mb=N][&rotate_s=N]\n"
     "                      an LCM log of all that is published, with or without --lcm, the tracker and the configuration;\n"
     "                      an earlier FILE, and one that reached a limit, is moved to FILE.1, FILE.2, ...\n"
@@ -77,6 +80,17 @@ static int read_seconds(const char* name, const char* text, double maximum, doub
     return usage_error(name, reason);
 }
 
+static int read_origin(const char* text, ipe_inbox_origin_t* origin)
+{
+    static const char* const NAME[] = {"off", "local", "network"};  // in the order of ipe_inbox_origin_t
+    for (int i = 0; i < (int)(sizeof NAME / sizeof NAME[0]); ++i) {
+        if (strcmp(text, NAME[i]) != 0) { continue; }
+        *origin = (ipe_inbox_origin_t)i;
+        return 0;
+    }
+    return usage_error("--commands", "must be off, local or network");
+}
+
 static int take_option(options_t* o, int letter, const char* text)
 {
     switch (letter) {
@@ -85,6 +99,7 @@ static int take_option(options_t* o, int letter, const char* text)
     case 't': o->tracker = optarg; return 0;
     case 'l': o->lcm = optarg; return 0;
     case 'p': o->lcm_prefix = optarg; return 0;
+    case 'o': return read_origin(optarg, &o->commands);
     case 'R': return read_number("--rt", optarg, 1, 99, &o->priority);
     case 'C': return read_number("--cpu", optarg, 0, CPUS_MAX - 1, &o->cpu);
     case 'g': return read_seconds("--collect", optarg, COLLECT_MAX, &o->collect);
@@ -116,6 +131,7 @@ options_result_t options_read(options_t* o, int argc, char** argv)
         {"tracker", required_argument, NULL, 't'},
         {"lcm", required_argument, NULL, 'l'},
         {"lcm-prefix", required_argument, NULL, 'p'},
+        {"commands", required_argument, NULL, 'o'},
         {"record", required_argument, NULL, 'r'},
         {"estimate", required_argument, NULL, 'e'},
         {"checkpoint", required_argument, NULL, 'k'},
@@ -128,8 +144,11 @@ options_result_t options_read(options_t* o, int argc, char** argv)
         {NULL, 0, NULL, 0},
     };
     int letter;
-    *o = (options_t){
-        .lcm = "udpm://239.255.76.67:7667?ttl=0", .lcm_prefix = "INERTIAD_", .cpu = -1, .collect = COLLECT_DEFAULT};
+    *o = (options_t){.lcm = "udpm://239.255.76.67:7667?ttl=0",
+                     .lcm_prefix = "INERTIAD_",
+                     .commands = IPE_INBOX_ORIGIN_HOST,
+                     .cpu = -1,
+                     .collect = COLLECT_DEFAULT};
     while ((letter = getopt_long(argc, argv, ":hv", LONG, NULL)) != -1) {
         if (letter == 'h') { return print(USAGE); }
         if (letter == 'V') { return print("inertiad " INERTIAD_VERSION "\n"); }

@@ -3,6 +3,7 @@
 #ifndef IPE_OPTIONS_H
 #define IPE_OPTIONS_H
 
+#include "inbox.h"
 #include "types.h"
 
 #include <stdbool.h>
@@ -16,9 +17,10 @@ typedef struct {
     const char* lcm_prefix;
     const char* record;
     const char* checkpoint;
-    int priority;    ///< 0: not real time
-    int cpu;         ///< -1: any
-    double collect;  ///< s
+    ipe_inbox_origin_t commands;  ///< from whom COMMAND is taken
+    int priority;                 ///< 0: not real time
+    int cpu;                      ///< -1: any
+    double collect;               ///< s
     bool is_verbose;
     char* tracker;
     char* bus[IPE_BUSES_MAX];

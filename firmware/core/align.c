@@ -177,6 +177,17 @@ static void open_place(ipe_align_t* a, ipe_sensor_t sensor, uint64_t i)
     }
 }
 
+/// The smaller of the last two spacings: one stamp that is far ahead does not stretch it. 0: not known yet.
+static int64_t newest_spacing(const ipe_ring_t* ring)
+{
+    const uint64_t i = ring->head;
+    if (i < oldest(ring) + 2) { return 0; }
+    const int64_t last = stamp(ring, i - 1) - stamp(ring, i - 2);
+    if (i < oldest(ring) + 3) { return last; }
+    const int64_t before = stamp(ring, i - 2) - stamp(ring, i - 3);
+    return before < last ? before : last;
+}
+
 /// Where a stamp belongs: at the head, or between earlier samples that no row has used yet.
 static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns, uint64_t* place)
 {
@@ -192,7 +203,7 @@ static ipe_status_t find_place(ipe_align_t* a, ipe_sensor_t sensor, int64_t t_ns
         ring->is_suspect = false;
         return IPE_OK;
     }
-    const int64_t spacing = i > oldest(ring) + 1 ? stamp(ring, i - 1) - stamp(ring, i - 2) : 0;
+    const int64_t spacing = newest_spacing(ring);
     while (i > oldest(ring) && ring->head - i <= REORDERED_MAX && stamp(ring, i - 1) > t_ns) { --i; }
     const bool has_before = i > oldest(ring), has_after = i < ring->head;
     if ((has_before && t_ns - stamp(ring, i - 1) <= spacing / DUPLICATE) ||

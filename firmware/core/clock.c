@@ -24,6 +24,8 @@
 #define STEP_LATE_S 2.0       // or for this much,
 #define STEP_OVER_S 0.05      // if that does not shrink meanwhile
 
+static const int64_t EARLIEST_NS = INT64_C(-100000000000000000);  // three years before 0, where simulated time begins
+
 void ipe_clock_init(ipe_clock_t* c, double wrap, double min_rate_span)
 {
     memset(c, 0, sizeof *c);
@@ -161,10 +163,20 @@ static bool stands_still(const ipe_clock_t* c, double device)
     return fabs(since - before) < STANDS_S && (sum < PROMPT_S * n || device > PATIENCE_S);
 }
 
+/// Host time of a time since the first stamp [s]. Device times that no clock shows give an end of the range, from which
+/// differences still fit.
+static int64_t host_time(const ipe_clock_t* c, double since)
+{
+    const double ns = 1e9 * since;
+    if (!(ns > (double)(EARLIEST_NS - c->host_0_ns))) { return EARLIEST_NS; }
+    if (ns >= (double)(IPE_TIME_MAX_NS - c->host_0_ns)) { return IPE_TIME_MAX_NS; }
+    return c->host_0_ns + (int64_t)llround(ns);
+}
+
 static void settle(ipe_clock_t* c, double device)
 {
     c->is_settled = kept_pace(c) || stands_still(c, device);
-    c->settled_ns = c->host_0_ns + (int64_t)llround(1e9 * (c->offset + c->rate * device));
+    c->settled_ns = host_time(c, c->offset + c->rate * device);
 }
 
 static void fit(ipe_clock_t* c)
@@ -254,11 +266,11 @@ int64_t ipe_clock_map(ipe_clock_t* c, double device, int64_t host_ns)
         x = 0.0, y = 0.0;
     }
     if (c->off_side >= 0) { learn(c, x, y); }
-    return c->host_0_ns + (int64_t)llround(1e9 * (c->offset + c->rate * x));
+    return host_time(c, c->offset + c->rate * x);
 }
 
 int64_t ipe_clock_at(const ipe_clock_t* c, double device)
 {
     const double x = device + c->unwrapped - c->device_0;
-    return c->host_0_ns + (int64_t)llround(1e9 * (c->offset + c->rate * x));
+    return host_time(c, c->offset + c->rate * x);
 }

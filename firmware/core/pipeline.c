@@ -67,10 +67,16 @@ static ipe_status_t push_reading(ipe_pipeline_t* p, ipe_sensor_t sensor, const i
     return ipe_align_push(&p->align, sensor, t_ns, reading->value);
 }
 
+static bool is_time(int64_t t_ns)
+{
+    return t_ns >= 0 && t_ns <= IPE_TIME_MAX_NS;
+}
+
 ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame)
 {
     ipe_sample_t sample;
     ipe_reading_t reading;
+    if (!is_time(frame->t_ns)) { return IPE_ERR_TIME; }
     ipe_status_t status = ipe_decode_frame(&p->decode, frame, &sample);  // CAN frame -> values
     if (status != IPE_OK) { return status; }
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
@@ -84,6 +90,7 @@ ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame
 
 ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const double position[3])
 {
+    if (!is_time(t_ns)) { return IPE_ERR_TIME; }
     if (ipe_stuck_sensor_push(&p->stuck_sensor, IPE_POSITION, t_ns, position)) { return IPE_ERR_RANGE; }
     return ipe_align_push(&p->align, IPE_POSITION, t_ns, position);
 }

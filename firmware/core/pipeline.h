@@ -50,11 +50,12 @@ ipe_status_t ipe_pipeline_init(ipe_pipeline_t* p, const ipe_config_t* config, ch
 /// IPE_OK           signals taken
 /// IPE_IGNORED      no signal is bound to this ID (counted)
 /// IPE_ERR_*        frame refused, counted by cause; nothing else changed
+/// IPE_ERR_TIME     also, not counted: a stamp outside 0 .. IPE_TIME_MAX_NS
 ipe_status_t ipe_pipeline_push_frame(ipe_pipeline_t* p, const ipe_frame_t* frame);
 
 /// Take in one tracked position: host stamp [ns], position [3] in W, m.
 ///
-/// IPE_OK, or IPE_ERR_NONFINITE / IPE_ERR_TIME: refused, counted.
+/// IPE_OK, or IPE_ERR_NONFINITE / IPE_ERR_TIME: refused, counted; not counted: a stamp outside 0 .. IPE_TIME_MAX_NS.
 ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const double position[3]);
 
 /// Advance by one aligned row, if one is ready. Call until IPE_NOT_READY after each push.

@@ -11,6 +11,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/// Host times lie in 0 .. this, so that their differences and small sums fit. Seconds; the year 2255.
+#define IPE_SECONDS_MAX 8999999999
+#define IPE_TIME_MAX_NS (IPE_SECONDS_MAX * INT64_C(1000000000))
+
 /// < 0: refused, state unchanged but for a counter.  0: done.  > 0: normal, but nothing to pass on yet.
 typedef enum {
     IPE_OK = 0,

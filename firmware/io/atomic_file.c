@@ -4,11 +4,15 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <poll.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
+
+enum { PATIENCE_MS = 2000, PAUSE_MS = 20 };
 
 static int fail(const char* path, const char* what, char* message, size_t size)
 {
@@ -16,10 +20,19 @@ static int fail(const char* path, const char* what, char* message, size_t size)
     return -1;
 }
 
+static bool wait_for_reader(int fd)
+{
+    struct pollfd pipe = {.fd = fd, .events = POLLOUT};
+    if (poll(&pipe, 1, PATIENCE_MS) > 0) { return true; }
+    errno = ETIMEDOUT;
+    return false;
+}
+
 static bool write_all(int fd, const uint8_t* bytes, size_t n)
 {
     while (n > 0) {
         const ssize_t written = write(fd, bytes, n);
+        if (written < 0 && errno == EAGAIN && wait_for_reader(fd)) { continue; }
         if (written < 0 && errno != EINTR) { return false; }
         if (written > 0) {
             bytes += written;
@@ -80,10 +93,21 @@ static void sync_directory(const char* path)
     (void)close(fd);
 }
 
+/// A pipe's reader may come a little later than its writer.
+static int open_directly(const char* path)
+{
+    const struct timespec pause = {.tv_nsec = PAUSE_MS * 1000000L};
+    for (int waited_ms = 0;; waited_ms += PAUSE_MS) {
+        const int fd = open(path, O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+        if (fd >= 0 || errno != ENXIO || waited_ms >= PATIENCE_MS) { return fd; }
+        (void)nanosleep(&pause, NULL);
+    }
+}
+
 static int write_directly(const char* path, const void* bytes, size_t n, char* message, size_t size)
 {
-    const int fd = open(path, O_WRONLY | O_CLOEXEC);
-    if (fd < 0) { return fail(path, "cannot open", message, size); }
+    const int fd = open_directly(path);
+    if (fd < 0) { return fail(path, errno == ENXIO ? "nobody reads this pipe" : "cannot open", message, size); }
     const bool good = write_all(fd, bytes, n);
     if (!good) { (void)fail(path, "cannot write", message, size); }
     (void)close(fd);

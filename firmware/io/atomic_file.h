@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Replace a file atomically: write PATH.tmp, sync, rename. A reader finds the whole old or the whole new content.
 ///
-/// A path that is not a regular file (/dev/stdout) is written to directly. No heap, no state; waits for the disk.
+/// A path that is not a regular file (/dev/stdout) is written to directly, a pipe only if its reader comes and reads within
+/// 2 s. No heap, no state; waits for the disk.
 #ifndef IPE_ATOMIC_FILE_H
 #define IPE_ATOMIC_FILE_H
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "config_file.h"
 
+#include "crc.h"
+
 #include "inertiad_lcm_robot_config_t.h"
 
 #include <assert.h>
@@ -29,12 +31,7 @@ static_assert(sizeof(wire_t) < FILE_MAX, "a whole configuration fits the file bu
 
 uint32_t ipe_config_crc(const uint8_t* bytes, size_t n)
 {
-    uint32_t crc = 0xFFFFFFFFU;
-    for (size_t i = 0; i < n; ++i) {
-        crc ^= bytes[i];
-        for (int bit = 0; bit < 8; ++bit) { crc = (crc >> 1) ^ ((crc & 1U) != 0 ? 0xEDB88320U : 0U); }
-    }
-    return ~crc;
+    return ipe_crc_extend(0, bytes, n);
 }
 
 static uint64_t big_endian(const uint8_t* bytes, int n)

@@ -3,13 +3,22 @@
 ///
 /// It has its own socket in LCM's multicast group, because liblcm's receiver is a thread that allocates for every new channel
 /// name and receives everything the daemon itself publishes. Here a filter in the kernel passes only the two channels, and
-/// one datagram is handled at a time. Messages that LCM would split (over 64 KB) are ignored. 66 KB of state, caller-allocated, no heap, one thread; one system call per message.
+/// one datagram is handled at a time. Messages that LCM would split (over 64 KB) are ignored.
+///
+/// Each channel has an origin from which it is taken: nobody, this host, the network. A datagram is from this host if its
+/// source address is one of the host's own, or none, as on a host that has the loopback only; the kernel drops datagrams that
+/// come from outside with such a source (fib_validate_source, ip_mc_validate_source). TRACKER is bound to its first publisher, an address and port, until that has been silent for
+/// 1 s: positions of two publishers never mix. All that is refused is counted.
+/// 66 KB of state, caller-allocated, no heap, one thread; one system call per message, with ORIGIN_HOST three more once a
+/// second.
 /// Source: LCM's wire protocol, "LC02", sequence u32, channel, zero, message; linux/filter.h.
 #ifndef IPE_INBOX_H
 #define IPE_INBOX_H
 
 #include "command.h"
 
+#include <netinet/in.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -30,28 +39,52 @@ typedef struct {
     size_t n;
 } ipe_inbox_item_t;
 
+/// Who may send on a channel.
+typedef enum {
+    IPE_INBOX_ORIGIN_NONE = 0,     ///< nobody
+    IPE_INBOX_ORIGIN_HOST = 1,     ///< programs on this host
+    IPE_INBOX_ORIGIN_NETWORK = 2,  ///< everybody who reaches the group
+} ipe_inbox_origin_t;
+
+typedef struct {
+    const char* url;
+    const char *tracker, *command;  ///< names of the channels, at most 63 characters; copied
+    ipe_inbox_origin_t tracker_from, command_from;
+} ipe_inbox_options_t;
+
 typedef struct {
     int fd;  ///< for epoll; -1: off
+    int probe_fd;
     char tracker[IPE_INBOX_NAME_MAX], command[IPE_INBOX_NAME_MAX];
+    ipe_inbox_origin_t tracker_from, command_from;
+    bool is_link_local;                 ///< group: only there the kernel lets datagrams without a source in
+    struct sockaddr_in publisher;       ///< of TRACKER; family 0: not bound
+    int64_t publisher_ns;               ///< CLOCK_MONOTONIC of its last message
+    struct sockaddr_in other, foreign;  ///< the last refused publisher; the last refused sender from elsewhere
+    uint32_t own_address;               ///< found to be the host's at own_ns, CLOCK_MONOTONIC; 0: none
+    int64_t own_ns;
     uint8_t datagram[IPE_INBOX_BYTES];
 
     uint64_t n_positions;          ///< handed on
     uint64_t n_positions_invalid;  ///< flagged as not to be used
     uint64_t n_positions_bad;      ///< not a tracker_t, or its time out of range
+    uint64_t n_positions_other;    ///< of another publisher than the one TRACKER is bound to
+    uint64_t n_positions_foreign;  ///< from another origin than allowed
     uint64_t n_commands;           ///< handed on
     uint64_t n_commands_bad;       ///< not a command_t
+    uint64_t n_commands_foreign;   ///< from another origin than allowed
 } ipe_inbox_t;
 
-/// Join the group of an LCM URL, udpm://[ADDRESS[:PORT]][?...]. Any other URL, "none" too, leaves the inbox off: fd -1.
+/// Join the group of an LCM URL, udpm://[ADDRESS[:PORT]][?...], on the loopback and on the interface to which multicast
+/// is routed. Any other URL, "none" too, leaves the inbox off: fd -1.
 ///
-///   tracker, command  in   names of the channels, at most 63 characters
-///   message           out  one line on failure; size bytes, always terminated
+///   message  out  one line on failure; size bytes, always terminated
 ///
 /// 0 or -1.
-int ipe_inbox_open(ipe_inbox_t* b, const char* url, const char* tracker, const char* command, char* message,
-                   size_t size);
+int ipe_inbox_open(ipe_inbox_t* b, const ipe_inbox_options_t* options, char* message, size_t size);
 
-/// The next message. EMPTY: none there. What cannot be used is counted and skipped.
+/// The next message. EMPTY: none there, or only such as cannot be used, which are counted; after some dozen of these the
+/// rest waits for the next call.
 ipe_inbox_kind_t ipe_inbox_next(ipe_inbox_t* b, ipe_inbox_item_t* item);
 
 void ipe_inbox_close(ipe_inbox_t* b);

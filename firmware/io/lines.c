@@ -19,10 +19,10 @@ static int reset(ipe_lines_t* l, int fd)
     return fd < 0 ? -1 : 0;
 }
 
-/// open() takes directories too, and only read() would say so.
+/// Does not wait for the other end of a pipe. open() takes directories too, and only read() would say so.
 static int open_file(const char* path)
 {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     struct stat info;
     if (fd < 0 || fstat(fd, &info) != 0 || !S_ISDIR(info.st_mode)) { return fd; }
     (void)close(fd);
@@ -32,7 +32,10 @@ static int open_file(const char* path)
 
 int ipe_lines_open(ipe_lines_t* l, const char* path)
 {
-    return reset(l, strcmp(path, "-") == 0 ? STDIN_FILENO : open_file(path));
+    if (strcmp(path, "-") != 0) { return reset(l, open_file(path)); }
+    const int flags = fcntl(STDIN_FILENO, F_GETFL);
+    if (flags >= 0 && (flags & O_ACCMODE) == O_WRONLY) { errno = EBADF; }
+    return reset(l, flags >= 0 && (flags & O_ACCMODE) != O_WRONLY ? STDIN_FILENO : -1);
 }
 
 /// Hand out n bytes of the buffer as a line and move past them and skip more.

@@ -31,7 +31,7 @@ typedef struct {
     char buffer[IPE_LINES_BYTES];
 } ipe_lines_t;
 
-/// Open a file, or stdin for "-". 0, or -1 with errno set.
+/// Open a file, or stdin for "-". Does not wait for the other end of a pipe. 0, or -1 with errno set.
 int ipe_lines_open(ipe_lines_t* l, const char* path);
 
 /// The next line, without its \n or \r\n.
@@ -40,7 +40,8 @@ int ipe_lines_open(ipe_lines_t* l, const char* path);
 ///   length  out  bytes
 ipe_lines_status_t ipe_lines_next(ipe_lines_t* l, const char** text, size_t* length);
 
-/// Read once: blocks only when a pipe is empty, so call it when fd is readable. Call only after IPE_LINES_WAIT.
+/// Read once. Call only after IPE_LINES_WAIT, and when poll() says that fd is readable: a pipe that nobody has opened for
+/// writing yet looks ended, and stdin, when it is an empty pipe, blocks.
 void ipe_lines_fill(ipe_lines_t* l);
 
 /// Close the descriptor, unless it is stdin.

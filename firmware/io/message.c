@@ -1,17 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "message.h"
 
+#include <poll.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
-enum { LINE_MAX_BYTES = 512 };
+enum { LINE_MAX_BYTES = 512, PATIENCE_MS = 1000 };
 
 static size_t clamp(int n, size_t room)
 {
     if (n < 0) { return 0; }
     return (size_t)n < room ? (size_t)n : room - 1;
+}
+
+/// False where stderr is a pipe that nobody reads any more: the first such message waits a second for the reader, the rest do
+/// not, until it reads again.
+static bool can_write(void)
+{
+    static atomic_bool is_stuck;
+    struct pollfd out = {.fd = STDERR_FILENO, .events = POLLOUT};
+    const bool is_ready = poll(&out, 1, atomic_load(&is_stuck) ? 0 : PATIENCE_MS) != 0;
+    atomic_store(&is_stuck, !is_ready);
+    return is_ready;
 }
 
 void ipe_message(const char* format, ...)
@@ -27,6 +40,7 @@ void ipe_message(const char* format, ...)
         if ((unsigned char)line[i] < ' ' || line[i] == 0x7F) { line[i] = '?'; }
     }
     line[n] = '\n';
+    if (!can_write()) { return; }
     const ssize_t written = write(STDERR_FILENO, line, n + 1);
     (void)written;  // nowhere left to complain
 }

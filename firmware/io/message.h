@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// One-line messages to stderr: "inertiad: ...". No heap, one write() per line, safe from any thread.
+/// One-line messages to stderr: "inertiad: ...". No heap, one write() per line, safe from any thread. A line for which a pipe
+/// has no room within 1 s is lost.
 #ifndef IPE_MESSAGE_H
 #define IPE_MESSAGE_H
 

@@ -2,9 +2,13 @@
 #define _GNU_SOURCE  // sem_clockwait
 #include "record.h"
 
+#include "crc.h"
+#include "lock.h"
+
 #include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -12,11 +16,18 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { BATCH_MAX = 1 << 20, FILES_MAX = 1000000 };
+static const char CHECK_CHANNEL[] = IPE_RECORD_CHECK_CHANNEL;
+enum {
+    BATCH_MAX = 1 << 18,
+    CHECK_EACH = 1 << 18,  // bytes
+    CHECK_BYTES = IPE_RECORD_HEADER + sizeof CHECK_CHANNEL - 1 + IPE_RECORD_CHECK,
+    FILES_MAX = 1000000
+};
 static const uint32_t SYNC = 0xEDA1DA01U;
 static const int64_t NS_PER_S = 1000000000;
 static const int64_t PERIOD_NS = 100000000;  // between two looks at the queue
 static const int64_t SYNC_NS = 500000000;    // between two syncs
+static const int64_t CLOSE_NS = 2000000000;  // for which close waits for the reader of a pipe
 
 static_assert((IPE_RECORD_QUEUE & (IPE_RECORD_QUEUE - 1)) == 0, "positions wrap with a mask");
 
@@ -84,11 +95,17 @@ static bool has_room(const ipe_record_t* r, uint64_t head, size_t n)
     return head + n - atomic_load_explicit(&r->tail, memory_order_acquire) <= IPE_RECORD_QUEUE;
 }
 
-/// The writer always empties the queue, if need be by giving messages up, so this ends.
+static bool is_stopped(const ipe_record_t* r)
+{
+    struct pollfd stop = {.fd = r->option.stop_fd, .events = POLLIN};
+    return r->option.stop_fd > 0 && poll(&stop, 1, 0) > 0;
+}
+
+/// Until the writer has emptied the queue, or the process is to stop.
 static void wait_for_room(ipe_record_t* r, uint64_t head, size_t n)
 {
     const struct timespec pause = {.tv_nsec = 200000};
-    while (!has_room(r, head, n)) {
+    while (!has_room(r, head, n) && !is_stopped(r)) {
         (void)sem_post(&r->wake);
         (void)nanosleep(&pause, NULL);
     }
@@ -124,11 +141,23 @@ static void note_error(ipe_record_t* r)
     atomic_fetch_add(&r->n_errors, 1);
 }
 
-static bool write_all(int fd, struct iovec piece[2], int n_pieces)
+/// Wait for the reader of a pipe. False with errno set: it takes too long to end.
+static bool wait_for_reader(ipe_record_t* r)
+{
+    const int64_t now_ns = monotonic_ns();
+    struct pollfd pipe = {.fd = r->fd, .events = POLLOUT};
+    if (atomic_load(&r->is_closing) && r->give_up_ns == 0) { r->give_up_ns = now_ns + CLOSE_NS; }
+    errno = ETIMEDOUT;
+    if (r->give_up_ns != 0 && now_ns >= r->give_up_ns) { return false; }
+    (void)poll(&pipe, 1, (int)(PERIOD_NS / 1000000));
+    return true;
+}
+
+static bool write_all(ipe_record_t* r, struct iovec piece[2], int n_pieces)
 {
     while (n_pieces > 0) {
-        const ssize_t n = writev(fd, piece, n_pieces);
-        if (n < 0 && errno == EINTR) { continue; }
+        const ssize_t n = writev(r->fd, piece, n_pieces);
+        if (n < 0 && (errno == EINTR || (errno == EAGAIN && wait_for_reader(r)))) { continue; }
         if (n < 0) { return false; }
         size_t done = (size_t)n;
         while (n_pieces > 0 && done >= piece->iov_len) {
@@ -143,7 +172,10 @@ static bool write_all(int fd, struct iovec piece[2], int n_pieces)
 /// Append the pieces as a whole or not at all.
 static bool append(ipe_record_t* r, struct iovec piece[2], int n_pieces, size_t n)
 {
-    if (write_all(r->fd, piece, n_pieces)) {
+    uint32_t crc = r->crc;
+    for (int i = 0; i < n_pieces; ++i) { crc = ipe_crc_extend(crc, piece[i].iov_base, piece[i].iov_len); }
+    if (write_all(r, piece, n_pieces)) {
+        r->crc = crc;
         r->file_bytes += n;
         r->is_unsynced = true;
         atomic_fetch_add(&r->n_bytes, n);
@@ -154,9 +186,29 @@ static bool append(ipe_record_t* r, struct iovec piece[2], int n_pieces, size_t 
     return false;
 }
 
+/// Numbered and stamped like the message before it.
+static void append_check(ipe_record_t* r)
+{
+    uint8_t message[IPE_RECORD_HEADER + sizeof CHECK_CHANNEL + IPE_RECORD_CHECK];
+    const size_t n_channel = strlen(CHECK_CHANNEL);
+    uint8_t* at = message + IPE_RECORD_HEADER + n_channel;
+    if (r->file_bytes == r->checked_bytes) { return; }
+    put_header(message, r->last_number, r->last_us, n_channel, IPE_RECORD_CHECK);
+    memcpy(message + IPE_RECORD_HEADER, CHECK_CHANNEL, n_channel);
+    put(at, r->last_number, 8);
+    put(at + 8, (uint64_t)r->last_us, 8);
+    put(at + 16, r->checked_bytes, 8);
+    put(at + 24, r->crc, 4);
+    struct iovec piece[2] = {{message, CHECK_BYTES}, {NULL, 0}};
+    if (!append(r, piece, 1, CHECK_BYTES)) { return; }
+    r->checked_bytes = r->file_bytes;
+    r->crc = 0;
+}
+
 static void sync_file(ipe_record_t* r)
 {
     r->synced_ns = monotonic_ns();
+    append_check(r);
     if (!r->is_unsynced) { return; }
     r->is_unsynced = false;
     if (fdatasync(r->fd) != 0 && errno != EINVAL && errno != EROFS) { note_error(r); }  // EINVAL: a pipe, a device
@@ -172,7 +224,7 @@ static bool begin_file(ipe_record_t* r, int64_t t_us)
     put_header(start, r->last_number, t_us, n_channel, r->n_config);
     memcpy(start + IPE_RECORD_HEADER, o->config_channel, n_channel);
     struct iovec piece[2] = {{start, n_start}, {r->config, r->n_config}};
-    r->file_begin_us = t_us;
+    r->file_begin_us = r->last_us = t_us;
     r->has_begun = append(r, piece, 2, n_start + r->n_config);
     return r->has_begun;
 }
@@ -190,12 +242,27 @@ static bool move_aside(ipe_record_t* r)
     return false;
 }
 
-/// -1 with errno set. Does not wait for the other end of a pipe.
+/// Emptied only once it is locked. -1 with errno set. Never waits for the other end of a pipe, nor do writes to it.
 static int open_file(const char* path)
 {
-    const int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NONBLOCK, 0644);
-    if (fd >= 0) { (void)fcntl(fd, F_SETFL, 0); }
-    return fd;
+    struct stat info;
+    const int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0644);
+    if (fd < 0 || fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) { return fd; }
+    if (ipe_lock_descriptor(fd) == 0 && ftruncate(fd, 0) == 0) { return fd; }
+    const int cause = errno;
+    (void)close(fd);
+    errno = cause;
+    return -1;
+}
+
+/// True if another process holds the record at path.
+static bool is_in_use(const char* path)
+{
+    const int fd = open(path, O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) { return false; }
+    const bool is_held = ipe_lock_descriptor(fd) != 0 && errno == EWOULDBLOCK;
+    (void)close(fd);
+    return is_held;
 }
 
 /// Begin the next file; where that fails the old one goes on.
@@ -210,7 +277,8 @@ static void rotate(ipe_record_t* r)
     }
     (void)close(r->fd);
     r->fd = fd;
-    r->file_bytes = 0;
+    r->file_bytes = r->checked_bytes = 0;
+    r->crc = 0;
 }
 
 /// Whole messages from tail on that go into the file at hand.
@@ -219,6 +287,7 @@ typedef struct {
     uint64_t n_messages;
     int64_t t_us;          ///< of the first
     uint64_t last_number;  ///< of the last
+    int64_t last_us;       ///< its time
     size_t n_config;       ///< a new configuration of so many bytes, alone, at the end of the batch; 0: none
 } batch_t;
 
@@ -227,7 +296,7 @@ static bool is_past_file(const ipe_record_t* r, uint64_t end, int64_t t_us)
 {
     const ipe_record_options_t* o = &r->option;
     if (!r->has_begun) { return false; }
-    return (o->rotate_bytes > 0 && end > o->rotate_bytes) ||
+    return (o->rotate_bytes > 0 && end + CHECK_BYTES > o->rotate_bytes) ||
            (o->rotate_us > 0 && (t_us - r->file_begin_us >= o->rotate_us || t_us < r->file_begin_us - o->rotate_us));
 }
 
@@ -256,6 +325,7 @@ static batch_t next_batch(ipe_record_t* r, uint64_t tail, uint64_t head)
         b.n_config = config_length(r, tail + b.n_bytes, header);
         if (b.n_messages == 0) { b.t_us = t_us; }
         b.last_number = get(header + 4, 8);
+        b.last_us = t_us;
         b.n_bytes += n;
         b.n_messages++;
         if (!r->has_begun || b.n_config > 0) { return b; }  // the configuration comes before what follows
@@ -272,7 +342,11 @@ static void drain(ipe_record_t* r)
         const batch_t b = next_batch(r, tail, head);
         const int n_pieces = pieces(r, tail, b.n_bytes, piece);
         const bool good = (r->has_begun || begin_file(r, b.t_us)) && append(r, piece, n_pieces, b.n_bytes);
-        if (good) { r->last_number = b.last_number; }
+        if (good) {
+            r->last_number = b.last_number;
+            r->last_us = b.last_us;
+        }
+        if (r->file_bytes - r->checked_bytes >= CHECK_EACH) { append_check(r); }
         atomic_fetch_add(good ? &r->n_messages : &r->n_unwritten, b.n_messages);
         tail += b.n_bytes;
         if (b.n_config > 0) {
@@ -305,7 +379,10 @@ static void* run(void* argument)
 
 static int fail(const ipe_record_t* r, const char* what, int cause, char* message, size_t size)
 {
-    (void)snprintf(message, size, "%s: %s: %s", r->option.path, what, strerror(cause));
+    const char* reason = cause == EWOULDBLOCK ? "another inertiad writes it; name another file"
+                         : cause == ENXIO     ? "a pipe that nobody reads"
+                                              : strerror(cause);
+    (void)snprintf(message, size, "%s: %s: %s", r->option.path, what, reason);
     return -1;
 }
 
@@ -322,7 +399,9 @@ int ipe_record_open(ipe_record_t* r, const ipe_record_options_t* options, char* 
     r->n_config = options->n_config_bytes;
     if (strlen(options->path) >= PATH_MAX) { return fail(r, "cannot write", ENAMETOOLONG, message, size); }
     const bool is_there = stat(options->path, &info) == 0;
-    if (is_there && S_ISREG(info.st_mode) && info.st_size > 0 && !move_aside(r)) {
+    const bool is_file = is_there && S_ISREG(info.st_mode);
+    if (is_file && is_in_use(options->path)) { return fail(r, "cannot write", EWOULDBLOCK, message, size); }
+    if (is_file && info.st_size > 0 && !move_aside(r)) {
         return fail(r, "cannot move the earlier record aside", errno, message, size);
     }
     r->fd = open_file(options->path);

@@ -3,6 +3,8 @@
 #ifndef IPE_SOURCE_H
 #define IPE_SOURCE_H
 
+#include "types.h"
+
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -12,8 +14,5 @@ typedef enum {
     IPE_SOURCE_WAIT = 1,  ///< nothing until the descriptor is readable
     IPE_SOURCE_END = 2,   ///< nothing any more
 } ipe_source_status_t;
-
-/// Stamps lie in 0 .. this, so that their differences and small sums fit. Seconds; the year 2255.
-#define IPE_SECONDS_MAX 8999999999
 
 #endif

@@ -3,6 +3,7 @@
 
 #include <assert.h>
 #include <errno.h>
+#include <poll.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -114,14 +115,21 @@ static bool find_columns(ipe_source_tracker_file_t* s, const char* text, size_t 
     return true;
 }
 
-static ipe_lines_status_t wait_for_line(ipe_lines_t* lines, const char** text, size_t* length)
+/// Wait for the first line. WAIT: stop_fd became readable.
+static ipe_lines_status_t wait_for_line(ipe_lines_t* lines, int stop_fd, const char** text, size_t* length)
 {
     ipe_lines_status_t found;
-    while ((found = ipe_lines_next(lines, text, length)) == IPE_LINES_WAIT) { ipe_lines_fill(lines); }
+    while ((found = ipe_lines_next(lines, text, length)) == IPE_LINES_WAIT) {
+        struct pollfd input[] = {{.fd = lines->fd, .events = POLLIN}, {.fd = stop_fd, .events = POLLIN}};
+        (void)poll(input, 2, -1);
+        if ((input[1].revents & POLLIN) != 0) { return found; }
+        if (input[0].revents != 0) { ipe_lines_fill(lines); }
+    }
     return found;
 }
 
-int ipe_source_tracker_file_open(ipe_source_tracker_file_t* s, const char* path, char* message, size_t size)
+int ipe_source_tracker_file_open(ipe_source_tracker_file_t* s, const char* path, int stop_fd, char* message,
+                                 size_t size)
 {
     static const char MARK[] = "\xEF\xBB\xBF";  // some spreadsheets begin a text file so
     memset(s, 0, sizeof *s);
@@ -132,7 +140,12 @@ int ipe_source_tracker_file_open(ipe_source_tracker_file_t* s, const char* path,
     }
     const char* text;
     size_t length;
-    if (wait_for_line(&s->lines, &text, &length) != IPE_LINES_OK) {
+    const ipe_lines_status_t found = wait_for_line(&s->lines, stop_fd, &text, &length);
+    if (found == IPE_LINES_WAIT) {
+        (void)snprintf(message, size, "%s: stopped before the header line came", s->path);
+        return -1;
+    }
+    if (found != IPE_LINES_OK) {
         (void)snprintf(message, size, "%s: no header line; needed: t,x,y,z", s->path);
         return -1;
     }

@@ -33,12 +33,14 @@ typedef struct {
     uint64_t n_bad_rows;   ///< a needed cell missing or not a number, or a line that is too long or cut
 } ipe_source_tracker_file_t;
 
-/// Open a file ("-": stdin) and read its header; waits for it on a pipe. path is kept by pointer.
+/// Open a file ("-": stdin) and read its header; waits for it on a pipe, until stop_fd is readable. path is kept by pointer.
 ///
-///   message  out  one line on failure: cannot be opened, no header, a column missing or there twice
+///   stop_fd  in   such as a signalfd; -1: none
+///   message  out  one line on failure: cannot be opened, no header, a column missing or there twice, stopped
 ///
 /// 0 or -1.
-int ipe_source_tracker_file_open(ipe_source_tracker_file_t* s, const char* path, char* message, size_t size);
+int ipe_source_tracker_file_open(ipe_source_tracker_file_t* s, const char* path, int stop_fd, char* message,
+                                 size_t size);
 
 /// Look at the next position, s->head, without taking it. READY, WAIT (call _fill() when readable), END.
 ipe_source_status_t ipe_source_tracker_file_peek(ipe_source_tracker_file_t* s);

@@ -52,7 +52,7 @@ int main(int argc, char** argv)
     char message[512] = "usage: replay robot.cfg can.log tracker.csv";
     if (argc != 4 || ipe_config_load(argv[1], &config, message, sizeof message) != IPE_OK ||
         ipe_pipeline_init(&pipeline, &config, message, sizeof message) != IPE_OK ||
-        ipe_source_tracker_file_open(&replay.tracker, argv[3], message, sizeof message) != 0) {
+        ipe_source_tracker_file_open(&replay.tracker, argv[3], -1, message, sizeof message) != 0) {
         (void)fprintf(stderr, "replay: %s\n", message);
         return 2;
     }

@@ -64,7 +64,7 @@ static void load(char** path)
     ipe_replay_item_t next;
     if (ipe_config_load(path[1], &config, message, sizeof message) != IPE_OK) { fail(message); }
     if (ipe_source_file_open(&replay.bus[0], path[2], 0, NULL) != 0) { fail(path[2]); }
-    if (ipe_source_tracker_file_open(&replay.tracker, path[3], message, sizeof message) != 0) { fail(message); }
+    if (ipe_source_tracker_file_open(&replay.tracker, path[3], -1, message, sizeof message) != 0) { fail(message); }
     replay.n_buses = 1;
     replay.has_tracker = true;
     for (ipe_replay_status_t s; (s = ipe_replay_next(&replay, &next)) != IPE_REPLAY_END;) {

@@ -176,6 +176,55 @@ def test_unusable_commands_are_one_line_and_exit_2(arguments, message):
     assert len(result.stderr.splitlines()) == 1 and message in result.stderr
 
 
+FORGERS = """
+import secrets, struct, sys, time
+from inertiad.base import channels
+from inertiad.live import command, lcm_network
+from inertiad_lcm import command_t, event_t
+
+answers = []
+link = lcm_network.connect(channels.DEFAULT_URL)
+
+
+def event(kind, sender, sequence, text):
+    e = event_t()
+    e.kind, e.sender, e.command, e.source, e.text = kind, sender, sequence, "command", text
+    return e.encode()
+
+
+def on_command(_, data):
+    "Everything but the answer, then the answer, which wants the screen."
+    c = command_t.decode(data)
+    right = event(event_t.DONE, c.sender, c.sequence, "done \\x1b[2J\\x9b31m[bold]\\u202e")
+    for wrong in (b"", b"x", right[:-3], right[:40], right[:8] + secrets.token_bytes(200), bytes(8) + right[8:]):
+        link.publish("INERTIAD_EVENT", wrong)
+    for forged in (event(1, c.sender, 0, "forged"), event(1, c.sender ^ 1, c.sequence, "forged"),
+                   event(7, c.sender, c.sequence, "forged")):
+        link.publish("INERTIAD_EVENT", forged)
+    link.publish("INERTIAD_EVENT", right)
+
+
+link.subscribe("INERTIAD_COMMAND", on_command)
+print("ready", flush=True)
+end = time.monotonic() + 20
+while time.monotonic() < end:
+    link.handle_timeout(50)
+"""
+
+
+def test_client_survives_any_bytes_and_believes_no_forged_answer():
+    script = f"""
+{sys.executable} -c '{FORGERS.replace("'", '"')}' & forger=$!
+sleep 2
+{sys.executable} -m inertiad command freeze --wait 10; echo "status $?"
+kill $forger
+"""
+    result = subprocess.run([*ISOLATED, "sh", "-c", script], capture_output=True, text=True, timeout=90, cwd=TOP)
+    assert "status 0" in result.stdout and "Traceback" not in result.stderr, result.stderr
+    [shown] = [line for line in result.stdout.splitlines() if line.startswith("done")]
+    assert shown == "done \N{REPLACEMENT CHARACTER}[2J\N{REPLACEMENT CHARACTER}31m[bold]\N{REPLACEMENT CHARACTER}"
+
+
 def test_client_prints_the_answer_and_exits_by_it(moving):
     script = f"""
 {DAEMON} --config {moving}/robot.cfg --bus 'file:{moving}/can.log?speed=1' --tracker file:{moving}/tracker.csv &

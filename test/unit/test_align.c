@@ -356,6 +356,22 @@ static void test_push_one_stamp_far_ahead_costs_no_more_than_itself(void)
     TEST_ASSERT_GREATER_THAN_UINT64(37, align.n_rows);
 }
 
+/// A position stamped 0.9 s ahead, under the second that starts the sensor again: those after it are in place, not copies.
+static void test_push_one_stamp_less_than_a_second_ahead_costs_no_more_than_itself(void)
+{
+    int n_refused = 0, n = 0;
+    for (int64_t t = 0; t < 3000 * MS; t += MS / 5) {
+        if (t % (3 * MS) == 0) { (void)push_force(t); }
+        if (t % (21 * MS / 5) == 0) { n_refused += push_position(t) != IPE_OK; }
+        if (t == 1000 * MS) { (void)push_position(t + 900 * MS); }
+        if (t % MS == 0 && t >= 10 * MS) { (void)push_imu(t); }
+        while (ipe_align_pop(&align, &row) == IPE_OK) { n += row.has_position; }
+    }
+    TEST_ASSERT_LESS_OR_EQUAL_INT(1, n_refused);
+    TEST_ASSERT_EQUAL_UINT64(0, align.n_backwards[IPE_POSITION]);
+    TEST_ASSERT_GREATER_THAN_INT(2950, n);
+}
+
 static void test_push_nonfinite_value_is_refused_and_counted(void)
 {
     double f[IPE_CABLES_MAX] = {0.0}, imu[10] = {0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0};  // given
@@ -611,6 +627,7 @@ int main(void)
     RUN_TEST(test_hold_keeps_no_more_than_it_should);
     RUN_TEST(test_push_big_step_back_restarts_sensor);
     RUN_TEST(test_push_one_stamp_far_ahead_costs_no_more_than_itself);
+    RUN_TEST(test_push_one_stamp_less_than_a_second_ahead_costs_no_more_than_itself);
     RUN_TEST(test_push_nonfinite_value_is_refused_and_counted);
     RUN_TEST(test_push_quaternion_is_normalised_and_bad_one_refused);
     RUN_TEST(test_push_bad_quaternion_with_old_stamp_changes_nothing);

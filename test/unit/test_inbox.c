@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-/// Datagrams come through a socket pair; the multicast group itself is in test/host.
+/// Datagrams come over the loopback; the multicast group itself, and senders on other hosts, are in test/host.
+#include "command_guard.h"
 #include "inbox.h"
 
 #include "inertiad_lcm_command_t.h"
@@ -14,18 +15,35 @@
 
 static ipe_inbox_t inbox;
 static ipe_inbox_item_t item;
-static int sender = -1;
+static int sender = -1, other_sender = -1;
 static uint8_t bytes[4096];
 static char message[256];
 
+static int open_inbox(ipe_inbox_t* b, const char* url, ipe_inbox_origin_t from)
+{
+    const ipe_inbox_options_t options = {
+        .url = url, .tracker = "T_TRACKER", .command = "T_COMMAND", .tracker_from = from, .command_from = from};
+    return ipe_inbox_open(b, &options, message, sizeof message);
+}
+
+static int open_sender(const struct sockaddr_in* to)
+{
+    const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    TEST_ASSERT_EQUAL(0, connect(fd, (const struct sockaddr*)to, sizeof *to));
+    return fd;
+}
+
 void setUp(void)
 {
-    int pair[2];
-    TEST_ASSERT_EQUAL(0, ipe_inbox_open(&inbox, "none", "T_TRACKER", "T_COMMAND", message, sizeof message));
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t n = sizeof address;
+    TEST_ASSERT_EQUAL(0, open_inbox(&inbox, "none", IPE_INBOX_ORIGIN_HOST));
     TEST_ASSERT_EQUAL(-1, inbox.fd);
-    TEST_ASSERT_EQUAL(0, socketpair(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0, pair));
-    inbox.fd = pair[0];
-    sender = pair[1];
+    inbox.fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    TEST_ASSERT_EQUAL(0, bind(inbox.fd, (const struct sockaddr*)&address, sizeof address));
+    TEST_ASSERT_EQUAL(0, getsockname(inbox.fd, (struct sockaddr*)&address, &n));
+    sender = open_sender(&address);
+    other_sender = open_sender(&address);
 }
 
 void tearDown(void)
@@ -33,6 +51,7 @@ void tearDown(void)
     ipe_inbox_close(&inbox);
     TEST_ASSERT_EQUAL(-1, inbox.fd);
     (void)close(sender);
+    (void)close(other_sender);
 }
 
 static void send_bytes(const char* channel, const uint8_t* data, size_t n)
@@ -129,6 +148,74 @@ static void test_inbox_leaves_out_what_is_not_for_it(void)
     TEST_ASSERT_EQUAL_UINT64(0, inbox.n_commands + inbox.n_commands_bad);
 }
 
+static ipe_inbox_kind_t next_position_of(int from)
+{
+    const int first = sender;
+    sender = from;
+    send_tracker(true, 77, 0);
+    sender = first;
+    return ipe_inbox_next(&inbox, &item);
+}
+
+static void test_inbox_positions_of_two_publishers_never_mix(void)
+{
+    TEST_ASSERT_EQUAL(IPE_INBOX_POSITION, next_position_of(sender));
+    TEST_ASSERT_EQUAL(IPE_INBOX_EMPTY, next_position_of(other_sender));
+    TEST_ASSERT_EQUAL(IPE_INBOX_POSITION, next_position_of(sender));
+    TEST_ASSERT_EQUAL_UINT64(1, inbox.n_positions_other);
+    inbox.publisher_ns -= 2000000000;  // silent for 2 s
+    TEST_ASSERT_EQUAL(IPE_INBOX_POSITION, next_position_of(other_sender));
+    TEST_ASSERT_EQUAL(IPE_INBOX_EMPTY, next_position_of(sender));
+    TEST_ASSERT_EQUAL_UINT64(2, inbox.n_positions_other);
+}
+
+static void test_inbox_origin_none_takes_nothing(void)
+{
+    inbox.command_from = inbox.tracker_from = IPE_INBOX_ORIGIN_NONE;
+    send_bytes("T_COMMAND", bytes, (size_t)encode_command(0));
+    send_tracker(true, 77, 0);
+    TEST_ASSERT_EQUAL(IPE_INBOX_EMPTY, ipe_inbox_next(&inbox, &item));
+    TEST_ASSERT_EQUAL_UINT64(1, inbox.n_commands_foreign);
+    TEST_ASSERT_EQUAL_UINT64(1, inbox.n_positions_foreign);
+}
+
+/// Unusable messages cannot keep the caller from its other work.
+static void test_inbox_returns_from_a_flood(void)
+{
+    for (int i = 0; i < 100; ++i) { send_bytes("T_COMMAND", bytes, 1); }
+    TEST_ASSERT_EQUAL(IPE_INBOX_EMPTY, ipe_inbox_next(&inbox, &item));
+    TEST_ASSERT_LESS_THAN(100, inbox.n_commands_bad);
+    TEST_ASSERT_EQUAL(IPE_INBOX_EMPTY, ipe_inbox_next(&inbox, &item));
+    TEST_ASSERT_EQUAL_UINT64(100, inbox.n_commands_bad);
+}
+
+static ipe_command_novelty_t check(ipe_command_guard_t* guard, int64_t sender_id, int64_t sequence, int64_t t_ns)
+{
+    const ipe_command_t command = {.sender = sender_id, .sequence = sequence, .t_ns = t_ns};
+    return ipe_command_guard_check(guard, &command, INT64_C(1700000000000000000));
+}
+
+static void test_command_guard_takes_each_new_command_once(void)
+{
+    static ipe_command_guard_t guard;
+    const int64_t now = INT64_C(1700000000000000000), s = 1000000000;
+    TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, check(&guard, 1, 0, now));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_REPEATED, check(&guard, 1, 0, now + s));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, check(&guard, 1, 1, now));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, check(&guard, 2, 0, now - 9 * s));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_OLD, check(&guard, 3, 0, now - 11 * s));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_AHEAD, check(&guard, 3, 0, now + 11 * s));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_OLD, check(&guard, 3, 0, INT64_MIN));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_AHEAD, check(&guard, 3, 0, INT64_MAX));
+    for (unsigned i = guard.n; i < IPE_COMMANDS_KEPT; ++i) {
+        TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, check(&guard, 4, i, now));
+    }
+    TEST_ASSERT_EQUAL(IPE_COMMAND_TOO_MANY, check(&guard, 5, 0, now));
+    const ipe_command_t later = {.sender = 5, .t_ns = now + 20 * s};
+    TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, ipe_command_guard_check(&guard, &later, now + 20 * s));
+    TEST_ASSERT_EQUAL(1, guard.n);
+}
+
 static void test_inbox_bad_address_is_refused(void)
 {
     static ipe_inbox_t other;
@@ -136,7 +223,7 @@ static void test_inbox_bad_address_is_refused(void)
                                "udpm://239.1.1.1:0",  "udpm://239.1.1.1:70000",
                                "udpm://239.1.1.1:7x", "udpm://10.255.255.254:7667"};
     for (unsigned i = 0; i < sizeof url / sizeof url[0]; ++i) {
-        TEST_ASSERT_EQUAL(-1, ipe_inbox_open(&other, url[i], "T_TRACKER", "T_COMMAND", message, sizeof message));
+        TEST_ASSERT_EQUAL(-1, open_inbox(&other, url[i], IPE_INBOX_ORIGIN_HOST));
         TEST_ASSERT_EQUAL_MEMORY(url[i], message, strlen(url[i]));
         TEST_ASSERT_EQUAL(-1, other.fd);
     }
@@ -145,6 +232,10 @@ static void test_inbox_bad_address_is_refused(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_inbox_positions_of_two_publishers_never_mix);
+    RUN_TEST(test_inbox_origin_none_takes_nothing);
+    RUN_TEST(test_inbox_returns_from_a_flood);
+    RUN_TEST(test_command_guard_takes_each_new_command_once);
     RUN_TEST(test_inbox_positions_are_handed_on_if_valid);
     RUN_TEST(test_inbox_command_arrives_as_it_was_encoded);
     RUN_TEST(test_inbox_damaged_commands_are_counted);

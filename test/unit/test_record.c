@@ -56,7 +56,7 @@ static void push(const char* channel, int64_t t_us, int value, size_t n)
 
 typedef struct {
     int n_events;
-    int n_configs;
+    int n_configs, n_checks;
     int64_t n_gaps;  ///< numbers left out
     int64_t first_us, last_us;
     int last_value, last_length;
@@ -70,6 +70,12 @@ static contents_t read_log(const char* name)
     lcm_eventlog_t* log = lcm_eventlog_create(name, "r");
     TEST_ASSERT_NOT_NULL(log);
     for (lcm_eventlog_event_t* e; (e = lcm_eventlog_read_next_event(log)) != NULL; lcm_eventlog_free_event(e)) {
+        if (strcmp(e->channel, IPE_RECORD_CHECK_CHANNEL) == 0) {
+            TEST_ASSERT_EQUAL(IPE_RECORD_CHECK, e->datalen);
+            TEST_ASSERT_EQUAL_INT64(number, e->eventnum);
+            c.n_checks++;
+            continue;
+        }
         if (number >= 0) { c.n_gaps += e->eventnum - number - 1; }
         number = e->eventnum;
         if (strcmp(e->channel, "T_CONFIG") == 0) {
@@ -110,6 +116,7 @@ static void test_record_is_read_back_whole_by_lcm(void)
     TEST_ASSERT_EQUAL(0, ipe_record_close(&recorder));
     const contents_t c = read_log(path);
     TEST_ASSERT_EQUAL(1, c.n_configs);
+    TEST_ASSERT_EQUAL(1, c.n_checks);
     TEST_ASSERT_EQUAL(3, c.n_events);
     TEST_ASSERT_EQUAL_INT64(0, c.n_gaps);
     TEST_ASSERT_EQUAL_INT64(1000, c.first_us);

@@ -27,7 +27,7 @@ static void add_log(const char* text)
 static void add_tracker(const char* text)
 {
     char message[128];
-    TEST_ASSERT_EQUAL(0, ipe_source_tracker_file_open(&replay.tracker, temp_file(text), message, sizeof message));
+    TEST_ASSERT_EQUAL(0, ipe_source_tracker_file_open(&replay.tracker, temp_file(text), -1, message, sizeof message));
     replay.has_tracker = true;
 }
 

@@ -21,7 +21,7 @@ void tearDown(void)
 
 static int open_text(const char* text)
 {
-    return ipe_source_tracker_file_open(&tracker, temp_file(text), message, sizeof message);
+    return ipe_source_tracker_file_open(&tracker, temp_file(text), -1, message, sizeof message);
 }
 
 static const ipe_position_t* next_position(void)
@@ -101,7 +101,7 @@ static void test_tracker_header_must_name_each_column_once(void)
     TEST_ASSERT_NOT_NULL(strstr(message, "\"x\" is there twice"));
     TEST_ASSERT_EQUAL(-1, open_text(""));
     TEST_ASSERT_NOT_NULL(strstr(message, "no header line"));
-    TEST_ASSERT_EQUAL(-1, ipe_source_tracker_file_open(&tracker, "/nonexistent.csv", message, sizeof message));
+    TEST_ASSERT_EQUAL(-1, ipe_source_tracker_file_open(&tracker, "/nonexistent.csv", -1, message, sizeof message));
     TEST_ASSERT_NOT_NULL(strstr(message, "/nonexistent.csv: No such file"));
 }
 

@@ -16,9 +16,12 @@
 
 extern "C" {
 #include "counter_table.h"
+#include "systematic.h"
 }
 
+#include <cmath>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -60,6 +63,39 @@ struct Out {
 inline void require_rows(std::size_t n, std::size_t other, const char* name)
 {
     if (n != other) { throw std::invalid_argument(std::string(name) + ": needs as many rows as the first argument"); }
+}
+
+inline void require(bool is_good, const std::string& reason)
+{
+    if (!is_good) { throw std::invalid_argument(reason); }
+}
+
+constexpr int64_t EARLIEST_NS = INT64_C(-100000000000000000);  // three years before 0: recorded time may begin anywhere
+
+/// Host times [n], ns, of a range whose differences fit.
+inline void require_times(const int64_t* t_ns, std::size_t n, const char* name)
+{
+    for (std::size_t k = 0; k < n; ++k) {
+        require(t_ns[k] >= EARLIEST_NS && t_ns[k] <= IPE_TIME_MAX_NS,
+                std::string(name) + ": allowed: -1e8 .. 8999999999 s, in ns");
+    }
+}
+
+inline void require_finite(const double* value, std::size_t n, const char* name)
+{
+    for (std::size_t k = 0; k < n; ++k) { require(std::isfinite(value[k]), std::string(name) + ": NaN or Inf"); }
+}
+
+inline void require_cables(int n_cables)
+{
+    require(n_cables >= 1 && n_cables <= IPE_CABLES_MAX, "n_cables: allowed: 1 .. 16");
+}
+
+/// Systematic parameters xi of a robot.
+inline void require_xi(const inertiad::Config& config, const Eigen::VectorXd& xi)
+{
+    require(xi.size() == ipe_systematic_count(config.n_cables()), "xi: needs one entry per systematic parameter");
+    require_finite(xi.data(), static_cast<std::size_t>(xi.size()), "xi");
 }
 
 inline nb::dict body_dict(const ipe_body_t& b)

@@ -205,6 +205,7 @@ nb::dict averages(const inertiad::Config& config,
     require_rows(n, s.shape(0), "s");
     require_rows(n, w.shape(0), "w");
     require_rows(n, y.shape(0), "y");
+    require_times(t_ns.data(), n, "t_ns");
     ipe_window_t window;
     ipe_window_init(&window, &config.c());
     std::vector<ipe_average_t> found;
@@ -235,6 +236,8 @@ nb::dict averages(const inertiad::Config& config,
     d["alpha"] = out_alpha.release(), d["y"] = out_y.release(), d["length"] = window.length;
     return d;
 }
+
+constexpr double RATE_MIN = 1e-3, RATE_MAX = 1e6;  // Hz
 
 /// Planned samples of a motion, in rows: what ipe_row_t is to a measured one.
 struct Plan {
@@ -273,6 +276,7 @@ std::vector<ipe_average_t> averages_of(const inertiad::Config& config, double ra
 {
     const std::size_t n = plan.s.shape(0), m = plan.f.shape(1);
     plan.check(config, n);
+    require(rate >= RATE_MIN && rate <= RATE_MAX, "rate: allowed: 1e-3 .. 1e6 Hz");
     ipe_config_t sampled = config.c();
     sampled.sample_rate = rate;
     ipe_window_t window;
@@ -426,6 +430,7 @@ uint64_t decode_raw(const nb::bytes& data, int start, int length, bool big_endia
 {
     uint8_t padded[72] = {0};
     if (data.size() > IPE_DATA_MAX) { throw std::invalid_argument("data: more than 64 bytes"); }
+    require(start >= 0 && start < 8 * IPE_DATA_MAX && length >= 1 && length <= 64, "start, length: outside the data");
     std::memcpy(padded, data.c_str(), data.size());
     return ipe_decode_raw(padded, start, length, big_endian, is_signed);
 }
@@ -436,6 +441,7 @@ nb::dict decode_frame(const inertiad::Config& config, int bus, uint32_t can_id, 
     ipe_decode_t decode;
     ipe_decode_init(&decode, &config.c());
     if (data.size() > IPE_DATA_MAX) { throw std::invalid_argument("data: more than 64 bytes"); }
+    require(bus >= 0 && bus < IPE_BUSES_MAX, "bus: allowed 0 .. 7");
     ipe_frame_t frame{};
     ipe_sample_t sample;
     frame.can_id = can_id;
@@ -472,6 +478,7 @@ using SystematicKind = std::tuple<const char*, const char*, int, int, bool>;
 /// Kinds of systematic parameters of a robot with n_cables, in the order of xi.
 std::vector<SystematicKind> systematic_table(int n_cables)
 {
+    require_cables(n_cables);
     int n = 0, first = 0;
     const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n);
     std::vector<SystematicKind> table;
@@ -573,10 +580,18 @@ NB_MODULE(inertiad_core, m)
     nb::class_<ipe_clock_t>(m, "Clock", "A device's clock against the host's, by the lower convex hull. clock.h")
         .def(
             "__init__",
-            [](ipe_clock_t* c, double wrap) { ipe_clock_init(new (c) ipe_clock_t{}, wrap, IPE_CLOCK_RATE_SPAN); },
+            [](ipe_clock_t* c, double wrap) {
+                require(wrap >= 0.0 && std::isfinite(wrap), "wrap: must be 0 or more");
+                ipe_clock_init(new (c) ipe_clock_t{}, wrap, IPE_CLOCK_RATE_SPAN);
+            },
             "wrap"_a = 0.0, "wrap [s]: device time starts again at 0 after this; 0: never.")
         .def(
-            "map", [](ipe_clock_t& c, double device, int64_t host_ns) { return ipe_clock_map(&c, device, host_ns); },
+            "map",
+            [](ipe_clock_t& c, double device, int64_t host_ns) {
+                require_finite(&device, 1, "device");
+                require_times(&host_ns, 1, "host_ns");
+                return ipe_clock_map(&c, device, host_ns);
+            },
             "device"_a, "host_ns"_a, "Learn from one pair; host time [ns] of the device's instant [s].")
         .def(
             "at", [](const ipe_clock_t& c, double device) { return ipe_clock_at(&c, device); }, "device"_a,
@@ -640,8 +655,14 @@ NB_MODULE(inertiad_core, m)
         "systematic_table", systematic_table, "n_cables"_a,
         "(name, SI unit, first index, count, whether per cable) of each kind of systematic parameter, in the order of "
         "xi. systematic.h");
-    m.def("linear_parameters", &inertiad::linear_parameters, "n_cables"_a,
-          "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
+    m.def(
+        "linear_parameters",
+        [](int n_cables) {
+            require_cables(n_cables);
+            return inertiad::linear_parameters(n_cables);
+        },
+        "n_cables"_a,
+        "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
     bind_batch(m);
     bind_plant(m);
 }

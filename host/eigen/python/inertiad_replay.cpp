@@ -164,6 +164,13 @@ public:
             throw std::invalid_argument("begin: past data");
         }
         for (const int fd : fds_) { is_socket_.push_back(is_datagram_socket(fd)); }
+        const int64_t latest_ns = INT64_MAX / 2;
+        if (start_ns < 0 || start_ns > latest_ns || spin_ns < 0 || spin_ns > latest_ns) {
+            throw std::invalid_argument("start_ns, spin_ns: out of range");
+        }
+        for (std::size_t k = 0; k < n_; ++k) {
+            if (due_ns_[k] < 0 || due_ns_[k] > latest_ns) { throw std::invalid_argument("due_ns: out of range"); }
+        }
         lateness_ns_.reserve(n_);
     }
 

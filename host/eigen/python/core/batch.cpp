@@ -8,6 +8,7 @@
 #include <nanobind/stl/unique_ptr.h>
 
 #include <algorithm>
+#include <poll.h>
 
 extern "C" {
 #include "align.h"
@@ -18,6 +19,8 @@ extern "C" {
 using namespace binding;
 
 namespace {
+
+constexpr double DELAY_MAX = 1000.0;  // s
 
 using Times = nb::ndarray<const int64_t, nb::numpy, nb::c_contig, nb::device::cpu, nb::ndim<1>>;
 using Table = nb::ndarray<const double, nb::numpy, nb::c_contig, nb::device::cpu, nb::ndim<2>>;
@@ -45,6 +48,8 @@ void play(ipe_replay_t& replay, OwnedPipeline& pipeline)
         const ipe_replay_status_t status = ipe_replay_next(&replay, &item);
         if (status == IPE_REPLAY_END) { break; }
         if (status == IPE_REPLAY_WAIT) {
+            pollfd input{item.fd, POLLIN, 0};
+            (void)poll(&input, 1, -1);
             ipe_replay_fill(&replay);
             continue;
         }
@@ -77,7 +82,7 @@ std::unique_ptr<OwnedPipeline> read_run(const inertiad::Config& config, const st
     }
     if (!tracker.empty()) {
         char message[256] = "";
-        if (ipe_source_tracker_file_open(&replay.state->tracker, tracker.c_str(), message, sizeof message) != 0) {
+        if (ipe_source_tracker_file_open(&replay.state->tracker, tracker.c_str(), -1, message, sizeof message) != 0) {
             throw std::invalid_argument(message);
         }
         replay.state->has_tracker = true;
@@ -107,6 +112,11 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
     require_columns(imu, 10, "imu");
     require_columns(f, static_cast<std::size_t>(c.n_cables), "f");
     require_columns(position, 3, "position");
+    require_rows(t_ns.shape(0), imu.shape(0), "imu");
+    require_rows(t_ns.shape(0), f.shape(0), "f");
+    require(position.shape(0) == position_t_ns.shape(0), "position: needs as many rows as position_t_ns");
+    require_times(t_ns.data(), t_ns.shape(0), "t_ns");
+    require_times(position_t_ns.data(), position_t_ns.shape(0), "position_t_ns");
     auto align = std::make_unique<ipe_align_t>();
     ipe_stuck_sensor_t stuck;
     ipe_align_init(align.get(), &c);
@@ -141,6 +151,7 @@ Rows align_signals(const inertiad::Config& config, const Times& t_ns, const Tabl
 /// What the platform's filter makes of aligned rows, estimate by estimate.
 nb::dict track(const inertiad::Config& config, const Rows& rows)
 {
+    require(config.n_cables() == rows.n_cables, "rows: needs the configuration's cables");
     OwnedPipeline pipeline(config);
     ipe_align_t& align = pipeline.state->align;
     std::fill_n(align.delay_ns, IPE_SENSOR_COUNT, 0);  // rows are stamped with the measured instant
@@ -214,6 +225,7 @@ Rows make_rows(const Times& t_ns, const Table& acc, const Table& gyro, const Tab
     for (const Table* table : {&acc, &gyro, &q, &position, &f}) {
         if (table->shape(0) != n) { throw std::invalid_argument("all arguments need as many rows as t_ns"); }
     }
+    require_times(t_ns.data(), n, "t_ns");
     Rows rows{std::vector<ipe_row_t>(n), static_cast<int>(m), {derives_force, derives_rate}};
     for (std::size_t k = 0; k < n; ++k) {
         ipe_row_t& row = rows.row[k];
@@ -266,6 +278,7 @@ nb::dict solve(const inertiad::Config& config, const std::vector<const Rows*>& r
         if (group[i] < 0 || group[i] >= static_cast<int>(payload.size())) {
             throw std::invalid_argument("group: out of range");
         }
+        require(runs[i]->n_cables == config.n_cables(), "runs: need the configuration's cables");
         batch.push_back({&runs[i]->row, group[i], runs[i]->derived});
     }
     inertiad::BatchSettings settings;
@@ -346,6 +359,7 @@ void bind_batch(nb::module_& m)
     m.def(
         "undelayed",
         [](const Rows& r, double position, double force) {
+            require(std::abs(position) <= DELAY_MAX && std::abs(force) <= DELAY_MAX, "delay: allowed: up to 1000 s");
             return Rows{inertiad::undelayed(r.row, r.n_cables, position, force), r.n_cables, r.derived};
         },
         "rows"_a, "position_delay"_a, "force_delay"_a,
@@ -353,12 +367,20 @@ void bind_batch(nb::module_& m)
     m.def(
         "corrected_rows",
         [](const inertiad::Config& config, const Rows& r, const Eigen::VectorXd& xi) {
+            require_xi(config, xi);
+            require(config.n_cables() == r.n_cables, "rows: needs the configuration's cables");
             const inertiad::Config corrected = inertiad::calibrated(config, xi);
             return Rows{inertiad::corrected_rows(config, corrected, xi, r.row, r.derived), r.n_cables, r.derived};
         },
         "config"_a, "rows"_a, "xi"_a,
         "Rows for the configuration with corrections xi [24+3m]: delays taken out, derived motion as attitude has it.");
-    m.def("calibrated", &inertiad::calibrated, "config"_a, "xi"_a, "The configuration with corrections xi [24+3m].");
+    m.def(
+        "calibrated",
+        [](const inertiad::Config& config, const Eigen::VectorXd& xi) {
+            require_xi(config, xi);
+            return inertiad::calibrated(config, xi);
+        },
+        "config"_a, "xi"_a, "The configuration with corrections xi [24+3m].");
     m.def(
         "batch", &solve, "config"_a, "runs"_a, "group"_a, "payload"_a, "is_payload_known"_a = false,
         "payload_std"_a = 0.01, "is_free"_a = std::vector<bool>{}, "theta_prior"_a = 1.0, "is_weight_learnt"_a = true,

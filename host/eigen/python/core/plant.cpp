@@ -170,6 +170,7 @@ nb::dict forward(const inertiad::Config& truth, const inertiad::Config& believed
         throw std::invalid_argument("lengths: needs a row per reference, a column per cable");
     }
     if (!settings.holds_length && m < 6) { throw std::invalid_argument("tensions need 6 cables or more"); }
+    require(settings.steps_per_control >= 1 && settings.step > 0.0, "step, steps_per_control: must be positive");
     const std::size_t n = (wanted.size() - 1) * static_cast<std::size_t>(settings.steps_per_control) + 1;
     const Log log(n, m);
     PlantState x = start(wanted.at(0), tilt, static_cast<Eigen::Index>(m));
@@ -264,7 +265,15 @@ void bind_plant(nb::module_& m)
           "(f [N,m] closest to pull [m] with W [N,6,m] f = wrench [N,6] and low <= f <= high, list of k where there is "
           "none). distribution.hpp");
     m.def(
-        "arbitrate", &inertiad::arbitrate, "release"_a, "priority"_a, "took"_a,
+        "arbitrate",
+        [](const std::vector<double>& release, const std::vector<int64_t>& priority, const std::vector<double>& took) {
+            require_rows(release.size(), priority.size(), "priority");
+            require_rows(release.size(), took.size(), "took");
+            require_finite(release.data(), release.size(), "release");
+            require_finite(took.data(), took.size(), "took");
+            return inertiad::arbitrate(release, priority, took);
+        },
+        "release"_a, "priority"_a, "took"_a,
         "Ends [N] s of frames on a bus, from when they wait [N] s, priority [N] (less is first), how long they take [N] "
         "s. arbitration.hpp");
 }

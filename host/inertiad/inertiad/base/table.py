@@ -25,6 +25,9 @@ NS: Final = 1_000_000_000
 BLOCK: Final = 1 << 16
 """rows of a CSV file that are text at one time"""
 
+LARGEST: Final = 1e15
+"""beyond any sensor in any unit; products of such numbers do not overflow"""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -164,8 +167,8 @@ def _line_of(path: Path, row: int) -> int:
 def read(path: Path, allowed: list[str]) -> Table:
     """A CSV file of numbers over increasing time, its columns among the allowed names (which include t).
 
-    InputError: see read_columns(); also for an unknown column, no row at all, something that is not a finite number,
-    time that does not increase.
+    InputError: see read_columns(); also for an unknown column, no row at all, something that is not a finite number or
+    larger than LARGEST, time that does not increase.
     """
     names, _ = header(path, ",".join(allowed[:8]))
     for name in names:
@@ -175,11 +178,12 @@ def read(path: Path, allowed: list[str]) -> Table:
     if len(table) == 0:
         raise InputError(f"{path}: no data below the header")
     data = np.column_stack([table.t if name == "t" else table.columns[name] for name in names])
-    bad = np.argwhere(~np.isfinite(data))
+    bad = np.argwhere(~(np.abs(data) <= LARGEST))
     if len(bad):
         row, column = bad[0]
         value = data[row, column]
-        raise InputError(f"{path}: line {_line_of(path, row)}: {names[column]} = {value}: allowed: a finite number")
+        allowed_value = f"up to {LARGEST:g}" if np.isfinite(value) else "a finite number"
+        raise InputError(f"{path}: line {_line_of(path, row)}: {names[column]} = {value}: allowed: {allowed_value}")
     back = np.flatnonzero(np.diff(table.t) <= 0.0)
     if len(back):
         row = int(back[0]) + 1

@@ -39,6 +39,16 @@ def _record_of_configuration(run: Path) -> tuple[str, bytes | None]:
     return f"no robot.cfg and no CONFIG in {'its' if log.exists() else 'a'} run.lcmlog", None
 
 
+def check_record(case: Case) -> Iterator[Check]:
+    """The daemon's own record, if the run has one, is whole."""
+    log = case.run / "run.lcmlog"
+    if not log.exists():
+        return
+    remarks: list[str] = []
+    n = sum(1 for _ in lcmlog.read(log, remarks))
+    yield Check("record", not remarks, "; ".join(remarks) or f"{n} messages of {log.name} are undamaged")
+
+
 def _differences(was: robot_config_t, config: bytes) -> dict[str, str]:
     """configuration.differences() without the gyro's bias, which the daemon learns itself."""
     differs = configuration.differences(was, robot_config_t.decode(config[:-4]))

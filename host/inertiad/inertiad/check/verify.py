@@ -80,7 +80,12 @@ def _setup(options: Options, robot: Robot, data: bytes, folder: Path) -> Setup:
 def judge(case: Case, latency_max: float) -> list[Check]:
     """All checks, in the order of the data's way."""
     mine = estimate_checks.recompute(case)
-    checks = [*input_checks.check_description(case), *input_checks.check_config(case), *input_checks.check_daemon(case)]
+    checks = [*input_checks.check_record(case)]
+    checks += [
+        *input_checks.check_description(case),
+        *input_checks.check_config(case),
+        *input_checks.check_daemon(case),
+    ]
     checks += [*input_checks.check_frames(case), *input_checks.check_counters(case)]
     checks += [
         *row_checks.check_sample_counters(case),

@@ -105,7 +105,7 @@ def _unit_directions(covariance: Array, prior_std: Array, labels: list[str]) -> 
     scaled = covariance / np.outer(prior_std, prior_std)
     value, vector = np.linalg.eigh(scaled)
     found = []
-    for ratio, v in zip(np.sqrt(value), vector.T, strict=True):
+    for ratio, v in zip(np.sqrt(np.maximum(value, 0.0)), vector.T, strict=True):  # rounding leaves some below 0
         order = np.argsort(-np.abs(v))
         if ratio < NOT_TOLD or abs(v[order[0]]) > 0.95:
             continue
@@ -119,7 +119,7 @@ def _unit_directions(covariance: Array, prior_std: Array, labels: list[str]) -> 
 def _common_gain(covariance: Array, prior_std: Array, group: Group) -> bool:
     """True if the mean of all force gains is not observable."""
     part = group.part
-    mean = covariance[part, part].sum() / group.n**2
+    mean = max(covariance[part, part].sum(), 0.0) / group.n**2
     return bool(np.sqrt(mean) > NOT_TOLD * prior_std[part].mean() / np.sqrt(group.n))
 
 
@@ -177,7 +177,7 @@ def _left_over(calibration: Calibration) -> dict[str, float]:
     for group in systematic.groups(calibration.robot.n_cables):
         if group.std_key not in LeftOver.model_fields:
             continue
-        largest = float(np.linalg.eigvalsh(calibration.covariance[group.part, group.part])[-1])
+        largest = max(float(np.linalg.eigvalsh(calibration.covariance[group.part, group.part])[-1]), 0.0)
         result[group.std_key] = float(min(np.sqrt(largest), calibration.prior_std[group.part].max()))
     return result
 
@@ -236,6 +236,7 @@ def text(calibration: Calibration) -> str:
 def correlations(calibration: Calibration) -> list[str]:
     """Highly correlated pairs of parameters, the worst first."""
     std = np.sqrt(np.diag(calibration.covariance))
+    std[std == 0.0] = 1.0  # fixed, so correlated with nothing
     r = np.triu(calibration.covariance / np.outer(std, std), 1)
     labels = names(calibration.robot.n_cables)
     pairs = sorted(zip(*np.nonzero(np.abs(r) > CORRELATED), strict=True), key=lambda ij: -abs(r[ij]))

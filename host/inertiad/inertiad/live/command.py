@@ -5,9 +5,10 @@ import secrets
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from inertiad.base.error import InputError
-from inertiad.live import lcm_network
+from inertiad.live import incoming, lcm_network
 from inertiad_lcm import command_t, event_t
 
 KINDS = {
@@ -18,6 +19,8 @@ KINDS = {
     "configure": command_t.CONFIGURE,
     "mark": command_t.MARK,
 }
+ANSWER_MAX: Final = 1000
+"""characters of an answer; the daemon's have at most 512"""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ def make(name: str, argument: str | None) -> command_t:
     if wanted is None and argument is not None:
         raise InputError(f'command {name}: "{argument}" is not wanted')
     message = command_t()
-    message.kind, message.sender, message.text = KINDS[name], secrets.randbits(62), ""
+    message.kind, message.text = KINDS[name], ""
+    message.sender, message.sequence = secrets.randbits(62), secrets.randbits(62)  # nobody can guess the answer's
     if name == "mark" and argument is not None:
         message.text = argument
         if len(argument.encode()) > command_t.TEXT_MAX or not argument.isprintable():
@@ -55,11 +59,14 @@ def make(name: str, argument: str | None) -> command_t:
 def send(message: command_t, url: str, prefix: str, patience: float) -> Answer | None:
     """Send a command, wait so many seconds for its answer; None: nobody answered. InputError: see network.connect()."""
     answers: list[Answer] = []
+    decoder = incoming.Decoder()
 
     def on_event(_channel: str, data: bytes) -> None:
-        event = event_t.decode(data)
-        if event.kind != event_t.NEWS and (event.sender, event.command) == (message.sender, message.sequence):
-            answers.append(Answer(event.kind == event_t.DONE, event.text))
+        event = decoder.decode(event_t, data)
+        if event is None or event.kind not in (event_t.DONE, event_t.REFUSED):
+            return
+        if (event.sender, event.command) == (message.sender, message.sequence):
+            answers.append(Answer(event.kind == event_t.DONE, incoming.plain(event.text, ANSWER_MAX)))
 
     bus = lcm_network.connect(url)
     bus.subscribe(f"{prefix}EVENT", on_event)
@@ -67,5 +74,5 @@ def send(message: command_t, url: str, prefix: str, patience: float) -> Answer |
     bus.publish(f"{prefix}COMMAND", message.encode())
     end = time.monotonic() + patience
     while not answers and time.monotonic() < end:
-        bus.handle_timeout(50)
+        lcm_network.handle(bus, 50)
     return answers[0] if answers else None

@@ -6,7 +6,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Final
 from urllib.parse import parse_qs
 
@@ -46,6 +46,12 @@ def connect(url: str, parameters: str = "") -> Any:
         raise InputError(f"--lcm {url}: cannot open: allowed: an LCM URL; udpm only {ROUTE}") from None
 
 
+def handle(link: Any, wait_ms: int) -> None:
+    """Hand out the messages of an lcm.LCM that come within wait_ms; one whose channel is no text is left out."""
+    with suppress(UnicodeDecodeError):
+        link.handle_timeout(wait_ms)
+
+
 class Listener(threading.Thread):
     """Hands every message whose channel matches a regular expression to take(channel, data), in a thread of its own.
 
@@ -60,7 +66,7 @@ class Listener(threading.Thread):
 
     def run(self) -> None:
         while not self._is_over.is_set():
-            self._link.handle_timeout(50)
+            handle(self._link, 50)
 
     def stop(self) -> None:
         """Take nothing more; back once the thread has ended."""

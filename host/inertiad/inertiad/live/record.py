@@ -21,11 +21,12 @@ import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 import inertiad_core
 from inertiad.base import channels
 from inertiad.base.error import InputError
-from inertiad.live import lcm_network
+from inertiad.live import incoming, lcm_network
 from inertiad.live.byte_sources import Input, open_input
 from inertiad.live.tracker_protocols import Layout, Parser, Sample
 from inertiad.run import folder as run_folder
@@ -45,6 +46,9 @@ HOLD_NS: Final = 10_000_000_000
 """for which a row of tracker.csv waits at most for the clock's fit"""
 SAME_FIT_NS: Final = 1_000_000_000
 """within which a fit that is the same but better may move a sample; more is another one"""
+CHANNELS_SHOWN: Final = 100
+LINE_MAX: Final = 8000
+"""characters of a line shown: all channels"""
 STEP_BACK: Final = 1.0
 """s of device time: more is a restart of the instrument, less a late duplicate"""
 
@@ -191,7 +195,8 @@ class LcmRecorder:
         self._listener.start()
 
     def _take(self, channel: str, data: bytes) -> None:
-        self.n_by_channel[channel] = self.n_by_channel.get(channel, 0) + 1
+        shown = channel if channel in self.n_by_channel or len(self.n_by_channel) < CHANNELS_SHOWN else "others"
+        self.n_by_channel[shown] = self.n_by_channel.get(shown, 0) + 1
         self.log.write(time.time_ns() // 1000, channel, data)
 
     def stop(self) -> None:
@@ -311,7 +316,7 @@ def facts(source: Input, recording: Recording) -> Iterator[tuple[str, str]]:
     unordered = f", {n} left out: not later than the row before" if n else ""
     yield "tracker.csv", f"{recording.n_rows} rows{unordered}"
     log = recording.lcm.log
-    channels = ", ".join(f"{k} {name}" for name, k in sorted(recording.lcm.n_by_channel.items()))
+    channels = ", ".join(f"{k} {name}" for name, k in sorted(recording.lcm.n_by_channel.copy().items()))
     yield "LCM log", f"{log.n_events} messages ({channels or 'none yet'}), {log.n_failed} not written"
     error = recording.error or log.error
     if error:
@@ -354,9 +359,9 @@ def _document(source: Input, recording: Recording) -> dict[str, Any]:
 
 
 def _view(source: Input, recording: Recording) -> Table:
-    table = Table(title=str(recording.folder), title_justify="left", show_header=False)
+    table = Table(title=Text(str(recording.folder)), title_justify="left", show_header=False)
     for name, value in facts(source, recording):
-        table.add_row(name, value)
+        table.add_row(name, Text(incoming.plain(value, LINE_MAX)))
     return table
 
 
@@ -384,5 +389,5 @@ def record(options: Options) -> Summary:
     finally:
         source.close()
         recording.close()
-    lines = [f"{name}: {value}" for name, value in facts(source, recording)]
+    lines = [incoming.plain(f"{name}: {value}", LINE_MAX) for name, value in facts(source, recording)]
     return Summary(lines, _document(source, recording))

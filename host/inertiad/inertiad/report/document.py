@@ -60,7 +60,8 @@ def _sections(facts: Facts) -> list[Section]:
             [tables.loss(facts), *drawn["timing"], *([Fold("All counters", counters)] if counters else [])],
         )
     )
-    origin: list[Block] = [provenance.origin(facts), Fold("Files", provenance.files(facts))]
+    notes = [f"{run.name}: {note}" for run in facts.runs if run.recording is not None for note in run.recording.notes]
+    origin: list[Block] = [provenance.origin(facts), *notes, Fold("Files", provenance.files(facts))]
     return [*sections, Section("provenance", "Provenance", origin)]
 
 

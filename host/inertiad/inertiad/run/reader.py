@@ -23,6 +23,9 @@ from inertiad.run import derived_motion, lcmlog, signals_csv, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
 
+EARLIEST: Final = -1e8
+LATEST: Final = 8_999_999_999.0
+"""s, host time as the core takes it"""
 SLOW_ROWS: Final = 1.5
 """intervals between rows that are no gap: under two, so that a lost row is one"""
 AGE_MOST: Final = 0.25
@@ -42,7 +45,7 @@ class Recording:
     """rows lost or refused, all causes"""
     counters: dict[str, int]
     notes: tuple[str, ...] = ()
-    """the derived quantities, as text"""
+    """the derived quantities, and damage of the files, as text"""
 
     @property
     def duration(self) -> float:
@@ -104,10 +107,10 @@ def without_positions(folder: Path, robot: Robot) -> Recording:
     return _read_folder(folder, robot.model_copy(update={"position": still}))
 
 
-def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
+def _published(log: Path, remarks: list[str]) -> tuple[list[signals_t], list[health_t]]:
     """SIGNALS and HEALTH of the daemon in an LCM log, whatever its channel prefix. InputError: of several daemons."""
     found: dict[str, list[Event]] = {}
-    for event in lcmlog.read(log):
+    for event in lcmlog.read(log, remarks):
         if event.channel.endswith(("SIGNALS", "HEALTH")):
             found.setdefault(event.channel, []).append(event)
     prefixes = [channel.removesuffix("SIGNALS") for channel in found if channel.endswith("SIGNALS")]
@@ -122,7 +125,8 @@ def _published(log: Path) -> tuple[list[signals_t], list[health_t]]:
 
 def _read_lcm(log: Path, robot: Robot) -> Recording:
     """A daemon's LCM log: its aligned rows, its counters."""
-    signals, health = _published(log)
+    remarks: list[str] = []
+    signals, health = _published(log, remarks)
     published = [row for message in signals for row in message.row]
     if any(row.n_cables != robot.n_cables for row in published):
         raise InputError(
@@ -135,7 +139,8 @@ def _read_lcm(log: Path, robot: Robot) -> Recording:
     counters = {c.name: c.value for c in health[-1].counter} if health else {}
     t_ns = np.array([row.t_ns for row in published], dtype=np.int64)
     rows, n_frames = inertiad_core.Rows(t_ns, acc, gyro, q, position, f), counters.get("decode.frames", 0)
-    return Recording(log, robot, rows, n_frames, n_rejected(counters), counters)
+    damage = tuple(remark.removeprefix(f"{log}: ") for remark in remarks)
+    return Recording(log, robot, rows, n_frames, n_rejected(counters), counters, damage)
 
 
 def _positions(signals: Table, file: Path, robot: Robot) -> Table:
@@ -198,7 +203,11 @@ def _read_signals(file: Path, robot: Robot) -> Recording:
     return Recording(file, whole.robot, rows, 0, len(whole.signals.t) - len(rows), {}, borrowed + whole.notes)
 
 
-def _nanoseconds(t: Array) -> Any:
+def _nanoseconds(t: Array, source: str) -> Any:
+    """Times [s] in ns. InputError: out of the range whose differences fit."""
+    far = t[(t < EARLIEST) | (t > LATEST)]
+    if len(far):
+        raise InputError(f"{source}: t = {far[0]:g} s: allowed: {EARLIEST:g} to {LATEST:g}")
     return np.rint(1e9 * t).astype(np.int64)
 
 
@@ -208,7 +217,7 @@ def aligned(whole: derived_motion.Completed, source: str) -> Any:
     f = whole.signals.stack(*quantity.forces(whole.robot.n_cables))
     xyz = whole.positions.stack("x", "y", "z")
     config = config_of(whole.robot, source)
-    t_imu, t_xyz = _nanoseconds(whole.signals.t), _nanoseconds(whole.positions.t)
+    t_imu, t_xyz = _nanoseconds(whole.signals.t, source), _nanoseconds(whole.positions.t, source)
     contiguous = [np.ascontiguousarray(a) for a in (imu, f, xyz)]
     derived = {"derives_force": whole.derives_force, "derives_rate": whole.derives_rate}
     return inertiad_core.align_signals(config, t_imu, contiguous[0], contiguous[1], t_xyz, contiguous[2], **derived)
@@ -253,7 +262,7 @@ def part(recording: Recording, begin: float, end: float) -> Recording:
     inside = (t >= begin) & (t <= end)
     values = (rows.acc, rows.gyro, rows.q, rows.position, rows.f)
     acc, gyro, q, position, f = (np.ascontiguousarray(x[inside]) for x in values)
-    t_ns = _nanoseconds(rows.t[inside])
+    t_ns = _nanoseconds(rows.t[inside], str(recording.path))
     kept = inertiad_core.Rows(t_ns, acc, gyro, q, position, f, rows.derives_force, rows.derives_rate)
     return replace(recording, rows=kept)
 
