@@ -221,7 +221,7 @@ def judge(command: str, signals: Path) -> str:
         if end.code == 2 and len(output.getvalue().splitlines()) != 1:
             return f"not one line: {output.getvalue()!r}"
         return _wrong_result(command, signals.parent) if end.code == 0 else ""
-    except BaseException:  # noqa: BLE001: whatever it is, it is what is looked for
+    except BaseException:  # whatever it is, it is what is looked for
         return traceback.format_exc()
     finally:
         sys.argv = argv
