@@ -130,15 +130,30 @@ class Spread:
     """s, median of the blocks"""
 
 
+def _shorter(result: dict[str, Any], few: Blocks) -> tuple[Blocks, float]:
+    """BLOCKS_MIN blocks or more, and the factor on their sigma; inf where the runs are too short for those as well."""
+    duration = float((few.end - few.begin).sum())
+    of = blocks(result, duration / (BLOCKS_MIN + 1))
+    if len(of) < BLOCKS_MIN:
+        return few, float(stdtrit(len(few) - 1, LEVEL)) / SURE if len(few) > 1 else np.inf
+    wanted = LONG * max(fit["correlation_time"] for fit in result["fit"])
+    share = max(wanted / float(np.median(of.end - of.begin)), 1.0)
+    return of, float(stdtrit(len(of) - 1, LEVEL)) / SURE * float(np.sqrt(share))
+
+
 def spread(robot: Robot, result: dict[str, Any]) -> Spread:
-    """The jackknife's sigma over that of the weights, never below one; few blocks: as wide as Student's t."""
+    """The jackknife's sigma over that of the weights, never below one.
+
+    Where the residuals last too long for BLOCKS_MIN blocks, shorter ones stand in: wider by Student's t, and by the
+    root of how much too short they are, since of a slow error they show no more than that share.
+    """
     of, scale, n_groups = blocks(result), np.array(result["prior_std"]), len(result["body"])
     if len(of) == 0:
         return Spread([np.ones(10)] * n_groups, np.ones(len(scale)), 0, 0.0)
+    n_blocks, length, few = len(of), float(np.median(of.end - of.begin)), 1.0
+    if n_blocks < BLOCKS_MIN:
+        of, few = _shorter(result, of)
     K, S = np.linalg.inv(of.total), jackknife(of)
-    few = 1.0
-    if len(of) < BLOCKS_MIN:
-        few = float(stdtrit(len(of) - 1, LEVEL)) / SURE if len(of) > 1 else np.inf
     body = []
     for g in range(n_groups):
         part = slice(10 * g, 10 * g + 10)
@@ -146,7 +161,7 @@ def spread(robot: Robot, result: dict[str, Any]) -> Spread:
         ratio = np.sqrt(np.diag(E @ S[part, part] @ E.T) / np.diag(E @ K[part, part] @ E.T))
         body.append(few * np.maximum(ratio, 1.0))
     unknown = few * np.maximum(np.sqrt(np.diag(S) / np.diag(K)), 1.0)
-    return Spread(body, unknown, len(of), float(np.median(of.end - of.begin)))
+    return Spread(body, unknown, n_blocks, length)
 
 
 def standard_deviations(body: dict[str, Any]) -> Array:

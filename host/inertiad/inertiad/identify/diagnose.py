@@ -221,11 +221,11 @@ def diagnose(robot: Robot, recordings: list[Recording]) -> list[Finding]:
         found += _findings("saturated_sensor", _saturated(robot, run), do=LOOK_AT_SENSOR)
         found += [] if unit else _findings("slack_cable", _slack(robot, run), "care", TAUT)
     found += unit
-    if not found:
+    still = _findings("no_excitation", _excitation(recordings), "care", "inertiactl excite ROBOT -o excite.csv")
+    if not found and not still:
         found += mistake_fit.find(robot, recordings)
     if not found:
         for run in recordings:
             found += _findings("specific_force", _unclear_gravity(robot, run))
             found += _findings("gyro", _unclear_gyro(run))
-    found += _findings("no_excitation", _excitation(recordings), "care", "inertiactl excite ROBOT -o excite.csv")
-    return found
+    return found + still

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
@@ -198,18 +199,22 @@ class Judge:
             columns.insert(0, Y - np.einsum("wa,aij->wij", _mean(w, w.slope, rate), D))
             y.append(_mean(w, w.k, wrench) * scale)
             A.append(np.concatenate(columns, axis=2) * scale[:, None])
-        stacked, theta = _blocks(A), np.zeros(10)
+        bodies, bias = [], []
+        for wrench, columns in zip(y, A, strict=True):  # each run may have a body of its own
+            Y = columns[:, :, :10].reshape(-1, 10)
+            theta = np.linalg.lstsq(Y, wrench.ravel(), rcond=1e-9)[0]
+            bodies.append(Y)
+            bias.append(np.tile(np.einsum("aij,j->ia", E, theta) * scale[:, None], (len(wrench), 1)))
         target = np.concatenate(y).ravel()
-        theta = np.linalg.lstsq(stacked[:, :10], target, rcond=1e-9)[0]
-        bias = np.tile((np.einsum("aij,j->ia", E, theta) * scale[:, None]), (len(target) // 6, 1))
+        stacked = np.hstack([block_diag(*bodies), _blocks([columns[:, :, 10:] for columns in A])])
         std = self.std
-        priors = [np.full(10, np.inf), np.full(m, max(std["force_offset"], 1e-3 * self.weight / m))]
+        priors = [np.full(10 * len(y), np.inf), np.full(m, max(std["force_offset"], 1e-3 * self.weight / m))]
         priors += [
             np.full(m - 1, max(std["force_gain"], 2e-3)),
             self.displacement_std,
             np.full(3, max(std["acc_bias"], 0.02)),
         ]
-        return Law(target, np.hstack([stacked, bias]), np.concatenate(priors), 2e-4 * self.weight)
+        return Law(target, np.hstack([stacked, np.concatenate(bias)]), np.concatenate(priors), 2e-4 * self.weight)
 
     def kinematics(self, case: Case) -> Law:
         """Specific force against the second derivative of the position, W."""

@@ -86,7 +86,8 @@ def allowed(key: Schema, tables: dict[str, Schema]) -> str:
         return " ".join(f"[{count}{kind}] {_limits(item)} {unit_of(key)}".split())
     if "type" not in key:
         return " or ".join(allowed(choice, tables) for choice in key["anyOf"])
-    name = {"number": "number", "integer": "whole number", "string": "text"}[key["type"]]
+    names = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true | false"}
+    name = names[key["type"]]
     return " ".join(f"{name} {_limits(key)} {unit_of(key)}".split())
 
 
