@@ -335,6 +335,34 @@ def _is_alone_better(config: Any, result: dict[str, Any], recordings: list[Recor
     return residual({"fit": alone})[0] < FALLS_TO * residual(result)[0]
 
 
+def _bodies_apart(config: Any, recordings: list[Recording]) -> Iterator[Finding]:
+    """Where no body fits all runs: the run whose own body is farthest from those of the others, if that is far."""
+    try:
+        alone = [fit.batch(config, [run])["body"][0] for run in recordings]
+    except InputError:
+        return
+    value = np.array([[b["mass"], *b["cog"], *b["inertia_cog"]] for b in alone])
+    variance = np.array([block_statistics.standard_deviations(b) for b in alone]) ** 2
+    far = []
+    for r in range(len(recordings)):
+        weight = np.delete(1.0 / variance, r, axis=0)
+        rest = (np.delete(value, r, axis=0) * weight).sum(axis=0) / weight.sum(axis=0)
+        far.append((value[r] - rest) / np.sqrt(variance[r] + 1.0 / weight.sum(axis=0)))
+    r = int(np.argmax([np.abs(z).max() for z in far]))
+    if np.abs(far[r]).max() < FAR:
+        return
+    others = np.delete(value[:, 0], r) @ np.delete(1.0 / variance[:, 0], r) / np.delete(1.0 / variance[:, 0], r).sum()
+    mass = float(value[r, 0] - others)
+    evidence = {
+        "run": recordings[r].path.name,
+        "kind": "body",
+        "mass_difference": mass,
+        "z": float(np.abs(far[r]).max()),
+    }
+    says = f"{recordings[r].path.name} saw a different body than the other runs: mass differs by {mass:+.3g} kg"
+    yield Finding("runs_disagree", "stop", says, FIT_APART, evidence)
+
+
 def _runs(
     robot: Robot, config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]
 ) -> Iterator[Finding]:
@@ -343,6 +371,9 @@ def _runs(
     A large difference widens the residuals it is judged by; fits of single runs show it then.
     """
     if len(recordings) < 2:
+        return
+    if not result["converged"]:
+        yield from _bodies_apart(config, recordings)
         return
     of, widening = block_statistics.blocks(result, 0.0), widening_of(result)
     is_alone_better = has_misfit(robot, result) and _is_alone_better(config, result, recordings)
@@ -356,6 +387,11 @@ def _runs(
     named = [entry for entry in tried if entry[1]] or (tried[:1] if is_alone_better else [])
     for _, _, name, found, g in named[:1] if len(recordings) == 2 else named:  # of two, each differs from the other
         yield _other_run(name, found, result, robot, g)
+
+
+FIT_APART: Final = (
+    "fit runs of one body together, others apart; with a known added weight use inertiactl calibrate --payload"
+)
 
 
 def _other_run(name: str, tried: dict[str, Copies], result: dict[str, Any], robot: Robot, group: int) -> Finding:
@@ -375,8 +411,7 @@ def _other_run(name: str, tried: dict[str, Copies], result: dict[str, Any], robo
         mass = float(tried[kind].step[0] * result["prior_std"][10 * group])
         evidence["mass_difference"] = mass
         says = f"{name} saw a different body than the other runs: mass differs by {mass:+.3g} kg{second}"
-        do = "fit runs of one body together, others apart; with a known added weight use inertiactl calibrate --payload"
-        return Finding("runs_disagree", "stop", says, do, evidence)
+        return Finding("runs_disagree", "stop", says, FIT_APART, evidence)
     says = f"{name} disagrees with the other runs; another {kind.replace('_', ' ')} in it explains most{second}"
     do = "fit the runs apart and compare; look whether that sensor was restarted, moved or warmed up between them"
     return Finding("runs_disagree", "care", says, do, evidence)
@@ -390,7 +425,7 @@ def of_result(
     found = [*_convergence(robot, result)]
     if not found:
         found += [*_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
-        found += [*_runs(robot, config, result, recordings, bodies)]
+    found += [*_runs(robot, config, result, recordings, bodies)]  # may be why there is no convergence
     found += [*_possible(result), *_corrections(robot, result)]
     found += [*_observability(result), *_confounded(robot, result)]
     return found
