@@ -133,6 +133,28 @@ static void test_every_refusal_has_its_reason_and_changes_nothing(void)
     }
 }
 
+static void test_each_sigma_has_its_limit(void)
+{
+    const int64_t t = go_live(1.0) + 100 * MS;
+    const double m = nominal[0],
+                 over[IPE_NP] = {0.021 * m, 0.021 * m, 0.021 * m, 0.021 * m, 16.0, 16.0, 16.0, 16.0, 16.0, 16.0};
+    for (int i = 0; i < IPE_NP; ++i) {  // 2 % of the mass, 20 mm, 20 % of a third of the trace: 14.4 kg m2
+        ipe_gate_estimate_t e = estimate(100 + i, t, 1.0);
+        e.covariance[i][i] = over[i] * over[i];
+        TEST_ASSERT_EQUAL_INT_MESSAGE(IPE_GATE_SIGMA, ipe_parameter_gate_offer(&gate, &e, t), "sigma over its limit");
+    }
+}
+
+static void test_each_number_may_contradict_the_last_estimate(void)
+{
+    const int64_t t = go_live(1.0) + 100 * MS;
+    for (int i = 0; i < IPE_NP; ++i) {
+        ipe_gate_estimate_t e = estimate(100 + i, t, 1.0);
+        e.theta[i] += 1.0;  // 22 of its sigmas
+        TEST_ASSERT_EQUAL_INT(IPE_GATE_CONTRADICTION, ipe_parameter_gate_offer(&gate, &e, t));
+    }
+}
+
 static void test_stamp_ahead_of_the_clock_is_refused(void)
 {
     const ipe_gate_estimate_t e = estimate(1, START, 1.0);
@@ -251,6 +273,8 @@ int main(void)
     RUN_TEST(test_transition_has_no_jump_and_every_body_on_it_can_exist);
     RUN_TEST(test_estimate_in_mid_transition_starts_from_where_theta_is);
     RUN_TEST(test_every_refusal_has_its_reason_and_changes_nothing);
+    RUN_TEST(test_each_sigma_has_its_limit);
+    RUN_TEST(test_each_number_may_contradict_the_last_estimate);
     RUN_TEST(test_stamp_ahead_of_the_clock_is_refused);
     RUN_TEST(test_change_of_payload_may_contradict);
     RUN_TEST(test_silence_falls_back_without_a_jump_and_needs_several_to_return);
