@@ -132,14 +132,16 @@ static void report_refused(daemon_t* d, loss_t* l, uint64_t n, const char* sourc
 
 static void report_inbox(daemon_t* d)
 {
-    char text[2][SENDER_MAX];
+    char text[3][SENDER_MAX];
     const ipe_inbox_t* b = &d->inbox;
     const char* position = health_sensor_name(IPE_POSITION);
-    const char* foreign = name_sender(&b->foreign, text[0]);
+    const char* foreign_command = name_sender(&b->foreign_command, text[0]);
+    const char* foreign_position = name_sender(&b->foreign_position, text[2]);
     report_refused(d, &d->foreign_commands, b->n_commands_foreign, "command",
-                   "COMMAND from %s is refused; --commands says who may send it", foreign);
+                   "COMMAND from %s is refused; --commands says who may send it", foreign_command);
     report_refused(d, &d->foreign_positions, b->n_positions_foreign, position,
-                   "TRACKER from %s, which is not this host, is refused; --tracker lcm:network takes it", foreign);
+                   "TRACKER from %s, which is not this host, is refused; --tracker lcm:network takes it",
+                   foreign_position);
     report_refused(d, &d->unused_positions, d->n_positions_unused, position,
                    "TRACKER is not used: the position comes from elsewhere");
     const char* other = name_sender(&b->other, text[0]);
@@ -269,6 +271,7 @@ static void report_widening(daemon_t* d)
 {
     char text[160];
     const double factor = d->pipeline->estimator.estimate.sigma_factor;
+    if (d->is_misfit_reported) { return; }  // says that the sigmas are wider
     const double limit = d->is_widening_reported ? WIDENING_OVER : IPE_MISFIT_MARKED;
     if ((factor > limit) == d->is_widening_reported) { return; }
     d->is_widening_reported = factor > limit;

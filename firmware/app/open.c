@@ -252,12 +252,23 @@ static int open_checkpoint(daemon_t* d)
 static int open_lcm(daemon_t* d)
 {
     char reason[REASON_SIZE];
-    if (strncmp(d->option.lcm, "udpm:", strlen("udpm:")) == 0 &&
-        ipe_lock_channels(d->option.lcm, d->option.lcm_prefix, reason, sizeof reason) < 0) {
-        return refuse_for_now(d, "--lcm-prefix", reason);
+    if (ipe_publish_check_prefix(d->option.lcm_prefix, reason, sizeof reason) != 0) {
+        return daemon_refuse("--lcm-prefix", reason);
+    }
+    const bool is_network = ipe_inbox_is_network(d->option.lcm);
+    if (is_network) {
+        struct sockaddr_in group;
+        if (ipe_inbox_read_url(d->option.lcm, &group, reason, sizeof reason) != 0) {
+            return daemon_refuse("--lcm", reason);
+        }
+        if (ipe_lock_channels(&group, d->option.lcm_prefix, reason, sizeof reason) < 0) {
+            return refuse_for_now(d, "--lcm-prefix", reason);
+        }
     }
     if (ipe_publish_open(&d->publisher, d->option.lcm, d->option.lcm_prefix, &d->config, reason, sizeof reason) != 0) {
-        return refuse_for_now(d, "--lcm", reason);
+        if (is_network) { return refuse_for_now(d, "--lcm", reason); }
+        (void)snprintf(reason, sizeof reason, "%s: allowed: udpm://ADDRESS:PORT?ttl=N, none", d->option.lcm);
+        return daemon_refuse("--lcm", reason);
     }
     const bool is_tracker_remote = d->option.tracker != NULL && strcmp(d->option.tracker, TRACKER_NETWORK) == 0;
     const ipe_inbox_options_t o = {
@@ -277,7 +288,7 @@ static bool is_ignored(int number)
     return sigaction(number, NULL, &action) == 0 && action.sa_handler == SIG_IGN;
 }
 
-/// Signals arrive through a descriptor, all with the same meaning: end. Blocked before LCM starts its thread, which inherits this.
+/// All these signals mean: end. They arrive through a descriptor. Blocked before LCM starts its thread, which inherits it.
 static int open_signals(daemon_t* d)
 {
     static const int ENDING[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU, SIGXFSZ};

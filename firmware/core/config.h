@@ -94,15 +94,14 @@ typedef struct {
     double std_external_force, std_external_stiffness;  ///< N, N/m, each axis of W; 0: there is none
 
     double external_attachment[3];                      ///< P, m: where a hose or energy chain pulls
-    double
-        external_reference[3];  ///< W, m: the attachment's place at which its spring adds nothing to its constant force
+    double external_reference[3];                       ///< W, m: the attachment's place where its spring adds no force
 
-    double window_length;       ///< s
-    double memory;              ///< s of excited time after which data count 1/e; 0: for ever
-    double residual_covariance[IPE_NY][IPE_NY];  ///< of one window at the IMU, P axes
-    double prior_theta[IPE_NP];                  ///< about P
+    double window_length;                               ///< s
+    double memory;                                      ///< s of excited time after which data count 1/e; 0: for ever
+    double residual_covariance[IPE_NY][IPE_NY];         ///< of one window at the IMU, P axes
+    double prior_theta[IPE_NP];                         ///< about P
     double prior_covariance[IPE_NP][IPE_NP];
-    double estimate_rate;                        ///< Hz
+    double estimate_rate;                               ///< Hz
 } ipe_config_t;
 
 /// Check every field's range, that axes and quaternions are unit and covariances positive definite.

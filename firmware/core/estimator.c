@@ -285,9 +285,9 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
                             .nis = e->nis,
                             .n_changes = e->change_detector.n_changes,
                             .is_misfit = ipe_change_detector_is_misfit(&e->change_detector),
-                            .unknown_force = e->unknown_force,
-                            .sigma_factor = sigma_factor(e)};
+                            .unknown_force = e->unknown_force};
     ipe_estimator_solution(e, config, &solution);
+    found.sigma_factor = sqrt(solution.inflation);
     ipe_estimate_prior_body(config, &prior);
     const ipe_status_t status = ipe_estimate_publish(config, &solution, &prior, NULL, &found);
     if (status != IPE_OK || !isfinite(e->nis)) {

@@ -78,8 +78,8 @@ const char* ipe_filter_states_name(ipe_block_t block);
 /// One sigma [layout.n - IPE_NP] of each state after theta before any data, > 0.
 void ipe_filter_states_std(const ipe_filter_states_t* s, double std[IPE_NX_MAX - IPE_NP]);
 
-/// Widen the prior of a delay, place, friction or external force whose estimate the prior makes implausible, beyond 3 sigma: its sigma
-/// becomes what the data alone say, as if it had been from the start. Such declarations are often wrong by factors, and a
+/// Widen the prior of a delay, place, friction or external force whose estimate the prior makes implausible, beyond 3 sigma.
+/// Its sigma becomes what the data alone say, as if it had been from the start. Such declarations are often wrong by factors, and a
 /// Gaussian prior would pull the error into the body: forces 20 ms late under a sigma of 1 ms came out as 12 ms.
 void ipe_filter_states_widen(ipe_filter_states_t* s, ipe_rls_t* rls);
 

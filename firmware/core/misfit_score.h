@@ -10,7 +10,7 @@
 /// f, the learnt noise over the configured one (sigmas, worst channel), the published variances are multiplied by
 ///   largest of mean r_i f / 0.5,  mean NIS of late / its expectation,  1
 /// Errors that move nothing leave no score: a common gain, a constant hose, cables' weight.
-/// Source: firmware/DESIGN.md, "Misfit". 0.7 KB of state, 2 us per window, one thread.
+/// Source: firmware/DESIGN.md, "Misfit". 0.8 KB of state, 2 us per window, one thread.
 #ifndef IPE_MISFIT_SCORE_H
 #define IPE_MISFIT_SCORE_H
 
@@ -35,7 +35,8 @@ typedef struct {
 /// A gap: the open blocks are given up. All zero is the start.
 void ipe_misfit_score_restart(ipe_misfit_score_t* s);
 
-/// Before and after a window's update of the filter; t_ns: the window's middle.
+/// Call both around each update of the filter: before() keeps theta and its variances, after() adds what changed to the
+/// open blocks. t_ns: the window's middle.
 void ipe_misfit_score_before(ipe_misfit_score_t* s, const ipe_rls_t* rls);
 void ipe_misfit_score_after(ipe_misfit_score_t* s, const ipe_rls_t* rls, int64_t t_ns);
 

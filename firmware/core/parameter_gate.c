@@ -2,6 +2,7 @@
 #include "parameter_gate.h"
 
 #include "consistency.h"
+#include "smallmat.h"
 
 #include <math.h>
 #include <string.h>
@@ -50,12 +51,9 @@ static void evaluate(const ipe_parameter_gate_t* g, const ipe_gate_segment_t* s,
 
 static bool is_finite(const ipe_gate_estimate_t* e)
 {
-    double sum = 0.0;
-    for (int i = 0; i < IPE_NP; ++i) {
-        sum += e->theta[i];
-        for (int j = 0; j < IPE_NP; ++j) { sum += e->covariance[i][j]; }
-    }
-    return isfinite(sum);
+    bool is_good = all_finite(e->theta, IPE_NP);
+    for (int i = 0; i < IPE_NP; ++i) { is_good &= all_finite(e->covariance[i], IPE_NP); }
+    return is_good;
 }
 
 static double largest(const double* x, int n)
@@ -94,16 +92,17 @@ static ipe_gate_reason_t judge(const ipe_parameter_gate_t* g, const ipe_gate_est
 {
     const ipe_gate_limits_t* l = &g->limits;
     if (!is_finite(e)) { return IPE_GATE_NOT_FINITE; }
+    if (e->t_ns < 0 || e->t_ns > IPE_TIME_MAX_NS) { return IPE_GATE_TOO_OLD; }
     if (e->sequence <= g->last_sequence && e->t_ns <= g->last_t_ns) { return IPE_GATE_OLD_SEQUENCE; }
     if (seconds(now_ns - e->t_ns) > l->age_max || e->t_ns - now_ns > AHEAD_NS) { return IPE_GATE_TOO_OLD; }
     if (e->verdict < 1 || e->verdict > l->verdict_max) { return IPE_GATE_VERDICT; }
-    if (e->is_change_pending) { return IPE_GATE_CHANGE_PENDING; }
     for (int i = 0; i < IPE_NP; ++i) {
         if (!e->observable[i]) { return IPE_GATE_UNOBSERVABLE; }
     }
     if (!ipe_consistency_check(e->theta) || ipe_body_from_theta(e->theta, e->covariance, body) != IPE_OK) {
         return IPE_GATE_INCONSISTENT;
     }
+    if (!all_finite(&body->mass, sizeof *body / sizeof(double))) { return IPE_GATE_NOT_FINITE; }  // P not positive
     if (!is_sharp(l, body)) { return IPE_GATE_SIGMA; }
     if (is_live && e->n_changes == g->last_n_changes && !are_one_body(body, &g->last, l->step_sigmas)) {
         return IPE_GATE_CONTRADICTION;
@@ -154,25 +153,26 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     ipe_gate_parameters_t before;
     evaluate(g, &g->now, now_ns, &before);
     const bool is_live = before.source == IPE_GATE_LIVE;
-    const bool is_restart = e->sequence <= g->last_sequence;  // with a newer t_ns: the daemon began again
+    const bool is_restart = e->sequence <= g->last_sequence && e->t_ns > g->last_t_ns;
 
     ipe_body_t body = {0};
-    ipe_gate_reason_t reason = judge(g, e, now_ns, is_live && !is_restart, &body);
+    ipe_gate_reason_t reason = judge(g, e, now_ns, is_live && !is_restart && !g->is_returning, &body);
     if (reason != IPE_GATE_NOT_FINITE && reason != IPE_GATE_OLD_SEQUENCE && reason != IPE_GATE_TOO_OLD) {
         g->last_sequence = e->sequence, g->last_t_ns = e->t_ns;
+        g->is_returning |= is_restart;
     }
     const bool is_break = is_restart || seconds(now_ns - g->acceptable_ns) > g->limits.age_max;
     g->n_in_a_row = reason != IPE_GATE_TAKEN ? 0 : is_break ? 1 : g->n_in_a_row + 1;
     if (reason == IPE_GATE_TAKEN) { g->acceptable_ns = now_ns; }
-    if (reason == IPE_GATE_TAKEN && (!is_live || is_restart) && g->n_in_a_row < g->limits.n_return) {
-        reason = IPE_GATE_WAITS;
-    }
+    const bool waits = (!is_live || g->is_returning) && g->n_in_a_row < g->limits.n_return;
+    if (reason == IPE_GATE_TAKEN && waits) { reason = IPE_GATE_WAITS; }
     ++g->n[reason];
     if (reason != IPE_GATE_TAKEN) { return reason; }
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, e->theta, sizeof e->theta);
     g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true;
     g->last = body, g->last_n_changes = e->n_changes;
+    g->is_returning = false;
     publish(g);
     return IPE_GATE_TAKEN;
 }
@@ -194,7 +194,6 @@ const char* ipe_parameter_gate_text(ipe_gate_reason_t reason)
         [IPE_GATE_OLD_SEQUENCE] = "not newer than the last estimate",
         [IPE_GATE_TOO_OLD] = "its time is too long ago, or ahead of the clock",
         [IPE_GATE_VERDICT] = "its verdict is worse than allowed",
-        [IPE_GATE_CHANGE_PENDING] = "a change of payload is being looked at",
         [IPE_GATE_UNOBSERVABLE] = "a parameter is not observable yet",
         [IPE_GATE_SIGMA] = "a standard deviation is over its limit",
         [IPE_GATE_INCONSISTENT] = "no body with these parameters can exist",

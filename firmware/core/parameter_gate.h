@@ -7,12 +7,13 @@
 ///
 ///   start                        nominal parameters; live ones after n_return acceptable estimates in a row
 ///   a new estimate is taken      theta moves to it within transition_time, along bodies that can exist
+///   the daemon began again       theta stays; live ones after n_return acceptable estimates in a row
 ///   none is taken for age_max    the fall-back: nominal parameters, or the last good ones, as chosen; then as at start
 ///
 /// theta(t) = (1 - x) theta_0 + x theta_1, x from 0 to 1: the pseudo-inertia is linear in theta, and positive definite
 /// matrices are a convex set, so every body on the way can exist when both ends can. Mass, CoG and inertia change together.
 ///
-/// 2 KB of state, no heap, no system calls. One thread may offer, one other may read; read() is wait-free (a triple
+/// 1.2 KB of state, no heap, no system calls. One thread may offer, one other may read; read() is wait-free (a triple
 /// buffer: it never waits for the writer, nor the writer for it). Times are those of ESTIMATE's t_ns: host time, ns.
 /// Source of the pseudo-inertia: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018; see firmware/DESIGN.md, "Control loop".
 #ifndef IPE_PARAMETER_GATE_H
@@ -24,15 +25,14 @@
 /// Why an estimate was not taken; IPE_GATE_TAKEN: it was.
 typedef enum {
     IPE_GATE_TAKEN = 0,
-    IPE_GATE_WAITS,           ///< acceptable, but fewer than n_return in a row so far
-    IPE_GATE_NOT_FINITE,      ///< a number is NaN or Inf
-    IPE_GATE_OLD_SEQUENCE,    ///< not newer than the last one that was offered
-    IPE_GATE_TOO_OLD,         ///< its t_ns is more than age_max ago, or ahead of now
-    IPE_GATE_VERDICT,         ///< worse than verdict_max
-    IPE_GATE_CHANGE_PENDING,  ///< a change of payload is being looked at
-    IPE_GATE_UNOBSERVABLE,    ///< one of the ten parameters
-    IPE_GATE_SIGMA,           ///< a standard deviation is over its limit
-    IPE_GATE_INCONSISTENT,    ///< no body that can exist
+    IPE_GATE_WAITS,          ///< acceptable, but fewer than n_return in a row so far
+    IPE_GATE_NOT_FINITE,     ///< a number, or a sigma that follows from the covariance, is NaN or Inf
+    IPE_GATE_OLD_SEQUENCE,   ///< not newer than the last one that was offered
+    IPE_GATE_TOO_OLD,        ///< its t_ns is more than age_max ago, or ahead of now
+    IPE_GATE_VERDICT,        ///< worse than verdict_max
+    IPE_GATE_UNOBSERVABLE,   ///< one of the ten parameters
+    IPE_GATE_SIGMA,          ///< a standard deviation is over its limit
+    IPE_GATE_INCONSISTENT,   ///< no body that can exist
     IPE_GATE_CONTRADICTION,  ///< further from the last one taken than step_sigmas, and no change of payload explains it
     IPE_GATE_REASONS
 } ipe_gate_reason_t;
@@ -46,7 +46,7 @@ typedef enum {
 
 /// What is demanded of an estimate. ipe_parameter_gate_default() gives values for a start.
 typedef struct {
-    double mass_std;         ///< largest, of the mass
+    double mass_std;         ///< largest, as a share of the mass
     double cog_std;          ///< largest of its three, m
     double inertia_std;      ///< largest of its six, of a third of the inertia's trace about C
     int verdict_max;         ///< of ESTIMATE: 1 good, 2 care
@@ -64,7 +64,6 @@ typedef struct {
     double covariance[IPE_NP][IPE_NP];  ///< of theta
     bool observable[IPE_NP];
     int verdict;
-    bool is_change_pending;  ///< false where that is not known
 } ipe_gate_estimate_t;
 
 /// What the control loop uses.
@@ -95,6 +94,7 @@ typedef struct {
     ipe_body_t last;                   ///< taken
     int64_t last_n_changes;            ///< of it
     int64_t last_sequence, last_t_ns;  ///< offered
+    bool is_returning;                 ///< the daemon began again: n_return in a row are needed
     int n_in_a_row;                    ///< acceptable ones,
     int64_t acceptable_ns;             ///< the newest of them at this time
     uint64_t n[IPE_GATE_REASONS];      ///< estimates by what became of them

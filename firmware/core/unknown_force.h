@@ -5,8 +5,8 @@
 /// column of the wrench matrix. With d = d_0 + d_1 (t - middle) over the window:
 ///   y = H x + d_0 wbar + d_1 v wdot + e,    v = length^2/48: variance of the kernel (window.h)
 /// d_1 comes from the forces of this window and the last; d_0 is unknown: the noise's covariance becomes
-/// C + sum_j sigma_j^2 wbar_j wbar_j^T with a sigma_j so large that the window carries no information along wbar. One of the window's
-/// 6 equations is given up for each such cable. wbar and wdot by two wrench matrices, one deviation of the kernel to either
+/// C + sum_j sigma_j^2 wbar_j wbar_j^T with a sigma_j so large that the window says nothing along wbar. Each such cable costs
+/// one of the window's 6 equations. wbar and wdot by two wrench matrices, one deviation of the kernel to either
 /// side of the mean pose.
 /// Source: firmware/DESIGN.md, "Failed force sensors". No state, 3 us, any thread.
 #ifndef IPE_UNKNOWN_FORCE_H

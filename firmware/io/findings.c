@@ -189,7 +189,7 @@ static void find_changes(const ipe_estimate_t* estimate, ipe_findings_t* found)
 {
     if (estimate->n_changes == 0) { return; }
     ipe_finding_t* f = add(found, "payload_changed", IPE_SEVERITY_GOOD, "");
-    say(f, "the payload changed %" PRIu64 " times; the numbers are those of the last one", estimate->n_changes);
+    say(f, "payload changes: %" PRIu64 "; the numbers are those of the last payload", estimate->n_changes);
     show(f, "\"changes\": %" PRIu64, estimate->n_changes);
 }
 

@@ -66,6 +66,16 @@ static bool read_address(const char* text, struct sockaddr_in* address)
     return inet_pton(AF_INET, host, &address->sin_addr) == 1;
 }
 
+bool ipe_inbox_is_network(const char* url)
+{
+    return strncmp(url, SCHEME, strlen(SCHEME)) == 0;
+}
+
+int ipe_inbox_read_url(const char* url, struct sockaddr_in* group, char* message, size_t size)
+{
+    return read_address(url + strlen(SCHEME), group) ? 0 : fail(url, EINVAL, message, size);
+}
+
 /// Append a test of the channel's bytes, its final zero included: accept if all agree, go on behind it otherwise.
 static unsigned add_channel(struct sock_filter* program, unsigned n, const char* channel)
 {
@@ -130,8 +140,8 @@ int ipe_inbox_open(ipe_inbox_t* b, const ipe_inbox_options_t* o, char* message, 
     assert(strlen(o->tracker) < sizeof b->tracker && strlen(o->command) < sizeof b->command);
     memcpy(b->tracker, o->tracker, strlen(o->tracker) + 1);
     memcpy(b->command, o->command, strlen(o->command) + 1);
-    if (strncmp(o->url, SCHEME, strlen(SCHEME)) != 0) { return 0; }
-    if (!read_address(o->url + strlen(SCHEME), &address)) { return fail(o->url, EINVAL, message, size); }
+    if (!ipe_inbox_is_network(o->url)) { return 0; }
+    if (ipe_inbox_read_url(o->url, &address, message, size) != 0) { return -1; }
     b->is_link_local = IS_LINK_LOCAL(ntohl(address.sin_addr.s_addr));
     if (open_sockets(b, &address) == 0) { return 0; }
     const int cause = errno;
@@ -163,24 +173,25 @@ static bool is_own_address(const ipe_inbox_t* b, const struct sockaddr_in* from)
 
 static bool is_from_host(ipe_inbox_t* b, const struct sockaddr_in* from)
 {
-    if (from->sin_family != AF_INET) { return true; }  // a socket of this host's own
+    if (from->sin_family != AF_INET) { return false; }
     const uint32_t address = from->sin_addr.s_addr;
+    if (address == INADDR_ANY) { return !b->is_link_local; }
     if (ntohl(address) >> IN_CLASSA_NSHIFT == IN_LOOPBACKNET) { return true; }
     const int64_t now_ns = monotonic_ns();
     if (address == b->own_address && now_ns - b->own_ns < OWN_NS) { return true; }
-    if (address == INADDR_ANY) { return !b->is_link_local; }
     if (!is_own_address(b, from)) { return false; }
     b->own_address = address;
     b->own_ns = now_ns;
     return true;
 }
 
-static bool is_allowed(ipe_inbox_t* b, ipe_inbox_origin_t origin, const struct sockaddr_in* from, uint64_t* n_foreign)
+static bool is_allowed(ipe_inbox_t* b, ipe_inbox_origin_t origin, const struct sockaddr_in* from,
+                       struct sockaddr_in* foreign, uint64_t* n_foreign)
 {
     if (origin == IPE_INBOX_ORIGIN_NETWORK || (origin == IPE_INBOX_ORIGIN_HOST && is_from_host(b, from))) {
         return true;
     }
-    b->foreign = *from;
+    *foreign = *from;
     ++*n_foreign;
     return false;
 }
@@ -206,7 +217,9 @@ static bool is_publisher(ipe_inbox_t* b, const struct sockaddr_in* from)
 static ipe_inbox_kind_t take_tracker(ipe_inbox_t* b, const struct sockaddr_in* from, ipe_inbox_item_t* item)
 {
     inertiad_lcm_tracker_t tracker;
-    if (!is_allowed(b, b->tracker_from, from, &b->n_positions_foreign)) { return IPE_INBOX_EMPTY; }
+    if (!is_allowed(b, b->tracker_from, from, &b->foreign_position, &b->n_positions_foreign)) {
+        return IPE_INBOX_EMPTY;
+    }
     const int n = inertiad_lcm_tracker_t_decode(item->data, 0, (int)item->n, &tracker);
     if (n < 0 || tracker.t_ns < 0 || tracker.t_ns / NS_PER_S > IPE_SECONDS_MAX) {
         b->n_positions_bad++;
@@ -225,7 +238,7 @@ static ipe_inbox_kind_t take_tracker(ipe_inbox_t* b, const struct sockaddr_in* f
 
 static ipe_inbox_kind_t take_command(ipe_inbox_t* b, const struct sockaddr_in* from, ipe_inbox_item_t* item)
 {
-    if (!is_allowed(b, b->command_from, from, &b->n_commands_foreign)) { return IPE_INBOX_EMPTY; }
+    if (!is_allowed(b, b->command_from, from, &b->foreign_command, &b->n_commands_foreign)) { return IPE_INBOX_EMPTY; }
     if (ipe_command_decode(item->data, item->n, &item->command) != 0) {
         b->n_commands_bad++;
         return IPE_INBOX_EMPTY;

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Messages to the daemon over LCM: TRACKER and COMMAND.
 ///
-/// It has its own socket in LCM's multicast group, because liblcm's receiver is a thread that allocates for every new channel
-/// name and receives everything the daemon itself publishes. Here a filter in the kernel passes only the two channels, and
-/// one datagram is handled at a time. Messages that LCM would split (over 64 KB) are ignored.
+/// It has its own socket in LCM's multicast group, because liblcm's receiver is a thread that allocates for every new
+/// channel name and receives everything the daemon itself publishes. Here a filter in the kernel passes only the two
+/// channels, and one datagram is handled at a time. Messages that LCM would split (over 64 KB) are ignored.
 ///
-/// Each channel has an origin from which it is taken: nobody, this host, the network. A datagram is from this host if its
-/// source address is one of the host's own, or none, as on a host that has the loopback only; the kernel drops datagrams that
-/// come from outside with such a source (fib_validate_source, ip_mc_validate_source). TRACKER is bound to its first publisher, an address and port, until that has been silent for
-/// 1 s: positions of two publishers never mix. All that is refused is counted.
+/// Each channel has an origin from which it is taken: nobody, this host, or the network. A datagram is from this host if
+/// its source is one of the host's own addresses. A host that has only the loopback sends without a source address. The
+/// kernel drops such datagrams when they come from outside (fib_validate_source, ip_mc_validate_source).
+/// TRACKER is bound to its first publisher, an address and port, until that has been silent for 1 s. So positions of two
+/// publishers never mix. All that is refused is counted.
 /// 66 KB of state, caller-allocated, no heap, one thread; one system call per message, with ORIGIN_HOST three more once a
 /// second.
 /// Source: LCM's wire protocol, "LC02", sequence u32, channel, zero, message; linux/filter.h.
@@ -39,6 +40,12 @@ typedef struct {
     size_t n;
 } ipe_inbox_item_t;
 
+/// Is it the URL of a multicast group, "udpm:..."?
+bool ipe_inbox_is_network(const char* url);
+
+/// The group and port of such a URL. 0; -1: it names none, one line in message.
+int ipe_inbox_read_url(const char* url, struct sockaddr_in* group, char* message, size_t size);
+
 /// Who may send on a channel.
 typedef enum {
     IPE_INBOX_ORIGIN_NONE = 0,     ///< nobody
@@ -57,11 +64,12 @@ typedef struct {
     int probe_fd;
     char tracker[IPE_INBOX_NAME_MAX], command[IPE_INBOX_NAME_MAX];
     ipe_inbox_origin_t tracker_from, command_from;
-    bool is_link_local;                 ///< group: only there the kernel lets datagrams without a source in
-    struct sockaddr_in publisher;       ///< of TRACKER; family 0: not bound
-    int64_t publisher_ns;               ///< CLOCK_MONOTONIC of its last message
-    struct sockaddr_in other, foreign;  ///< the last refused publisher; the last refused sender from elsewhere
-    uint32_t own_address;               ///< found to be the host's at own_ns, CLOCK_MONOTONIC; 0: none
+    bool is_link_local;            ///< group: only there the kernel lets datagrams without a source in
+    struct sockaddr_in publisher;  ///< of TRACKER; family 0: not bound
+    int64_t publisher_ns;          ///< CLOCK_MONOTONIC of its last message
+    struct sockaddr_in other;      ///< the last publisher of TRACKER that was refused
+    struct sockaddr_in foreign_position, foreign_command;  ///< the last senders from elsewhere that were refused
+    uint32_t own_address;  ///< found to be the host's at own_ns, CLOCK_MONOTONIC; 0: none
     int64_t own_ns;
     uint8_t datagram[IPE_INBOX_BYTES];
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lock.h"
 
+#include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -36,12 +37,14 @@ int ipe_lock_file(const char* path, char* message, size_t size)
     return fail(fd, path, is_held ? "another inertiad uses it; name another file" : strerror(errno), message, size);
 }
 
-int ipe_lock_channels(const char* url, const char* prefix, char* message, size_t size)
+int ipe_lock_channels(const struct sockaddr_in* group, const char* prefix, char* message, size_t size)
 {
+    char address[INET_ADDRSTRLEN] = "";
+    (void)inet_ntop(AF_INET, &group->sin_addr, address, sizeof address);
     struct sockaddr_un name = {.sun_family = AF_UNIX};  // the name begins with a zero: abstract
-    const int n_place = (int)strcspn(url, "?");
-    const int n = snprintf(name.sun_path + 1, sizeof name.sun_path - 1, "inertiad %.*s %s", n_place, url, prefix);
-    if (n < 0 || n >= (int)sizeof name.sun_path - 1) { return fail(-1, url, strerror(ENAMETOOLONG), message, size); }
+    const int n = snprintf(name.sun_path + 1, sizeof name.sun_path - 1, "inertiad %s:%u %s", address,
+                           ntohs(group->sin_port), prefix);
+    if (n < 0 || n >= (int)sizeof name.sun_path - 1) { return fail(-1, prefix, strerror(ENAMETOOLONG), message, size); }
     const socklen_t length = (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)n);
     const int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (fd >= 0 && bind(fd, (const struct sockaddr*)&name, length) == 0) { return fd; }

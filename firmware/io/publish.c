@@ -41,16 +41,20 @@ static void name_channels(ipe_publish_t* p, const char* prefix)
     }
 }
 
+int ipe_publish_check_prefix(const char* prefix, char* message, size_t size)
+{
+    if (is_good_prefix(prefix)) { return 0; }
+    (void)snprintf(message, size, "prefix \"%s\": allowed are 1 to %d letters, digits, '_', '-', '/'", prefix,
+                   PREFIX_MAX);
+    return -1;
+}
+
 int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, const ipe_config_t* config, char* message,
                      size_t size)
 {
     memset(p, 0, sizeof *p);
     ipe_publish_configure(p, config);
-    if (!is_good_prefix(prefix)) {
-        (void)snprintf(message, size, "prefix \"%s\": allowed are 1 to %d letters, digits, '_', '-', '/'", prefix,
-                       PREFIX_MAX);
-        return -1;
-    }
+    if (ipe_publish_check_prefix(prefix, message, size) != 0) { return -1; }
     name_channels(p, prefix);
     if (strcmp(url, "none") == 0) { return 0; }
     p->lcm = lcm_create(url);

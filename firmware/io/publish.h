@@ -103,10 +103,13 @@ typedef struct {
     uint64_t n_not_finite;     ///< estimates held back: a value is NaN or Inf
 } ipe_publish_t;
 
+/// 0 if channels may have this prefix: 1 to 40 letters, digits, '_', '-', '/'. Otherwise -1, and one line in message.
+int ipe_publish_check_prefix(const char* prefix, char* message, size_t size);
+
 /// Open LCM.
 ///
 ///   url      in   as lcm_create(), "none": off
-///   prefix   in   of every channel: 1 to 40 letters, digits, '_', '-', '/'
+///   prefix   in   of every channel, good by ipe_publish_check_prefix()
 ///   message  out  one line on failure, with what to do; size bytes, always terminated
 ///
 /// 0 or -1. Allocates, inside liblcm.

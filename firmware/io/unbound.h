@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Frames that no signal is bound to, while none was: the identifiers that came, beside those that were expected.
 ///
-/// For a log of another robot, with the buses in another order, or a wrong DBC. 200 B, no heap, one thread.
+/// For a log of another robot, with the buses in another order, or a wrong DBC. 0.1 KB, no heap, one thread.
 #ifndef IPE_UNBOUND_H
 #define IPE_UNBOUND_H
 

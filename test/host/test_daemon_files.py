@@ -244,6 +244,22 @@ def test_a_second_daemon_on_a_file_is_refused_for_now(run, tmp_path, option):
     assert subprocess.run(on_files(run, option, tmp_path / "file"), capture_output=True).returncode == 0
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("--lcm", "foo", "foo: allowed: udpm://ADDRESS:PORT?ttl=N, none"),
+        ("--lcm", "udpm://nowhere:0", "udpm://nowhere:0: Invalid argument"),
+        ("--lcm-prefix", "a b", 'prefix "a b": allowed are'),
+    ],
+)
+def test_a_mistyped_network_is_an_error_that_no_unit_tries_again(run, option, value, says):
+    command = [DAEMON, "--config", run / "robot.cfg", "--bus", f"file:{run}/can.log", option, value]
+    done = subprocess.run(
+        [str(a) for a in command], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, says in done.stderr) == (2, True), done.stderr
+
+
 def test_a_second_daemon_with_the_same_prefix_is_refused_for_now(run):
     script = """
 import subprocess, sys, time

@@ -166,3 +166,14 @@ def test_page_opens_in_a_browser_at_both_widths(robot_file, tmp_path):
             assert window.ask("document.querySelectorAll('#cables tbody tr').length") == 8
         assert window.complaints == []
         assert all(url.startswith(("file:", "data:", "blob:")) for url in window.requests)
+
+
+def test_view_draws_a_robot_whose_cable_has_no_direction(robot_file, tmp_path):
+    text = with_cables(lambda i, a, b: (a, b))
+    path = robot_file(
+        text.replace('name = "x"\n', 'name = "x"\n[cables]\npulley_radius = 8.0\n')
+    )  # the platform is inside
+    page = tmp_path / "view.html"
+    said = view.write(path, page, "inertiactl view", lambda step: None)
+    assert any("direction" in line for line in said), said
+    assert "A cable has no direction in this place" in page.read_text()

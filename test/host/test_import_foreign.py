@@ -140,6 +140,36 @@ def test_row_of_units_below_the_names(tmp_path):
     }
 
 
+def test_quaternion_counted_from_zero_beside_forces_counted_from_zero(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q0,q1,q2,q3,f_0,f_1\n" + "".join(f"{i / 100},1,0,0,0,10,20\n" for i in range(50)))
+    found = {item.quantity: item.channel.name for item in channels.summary(file) if item.quantity}
+    assert found == {"q_w": "q0", "q_x": "q1", "q_y": "q2", "q_z": "q3", "f_1": "f_0", "f_2": "f_1"}
+
+
+def test_gap_of_a_sensor_is_left_out_and_named(tmp_path, robot):
+    file, remarks = german(tmp_path / "log.csv"), []
+    lines = file.read_text(encoding="utf-8-sig").splitlines()
+    silent = slice(1 + 200, 1 + 300)  # of 200 Hz: half a second of the load cells
+    lines[silent] = [";".join([*line.split(";")[:-4], *[""] * 4]) for line in lines[silent]]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8-sig")
+    foreign_import.import_mapped(file, tmp_path / "run", robot, None, remarks)
+    t = signals_csv.read(tmp_path / "run/signals.csv", description.load(robot)).t
+    assert not ((t > T[200]) & (t < T[298])).any()
+    assert (t < T[200]).sum() > 190 and (t > T[300]).sum() > 90
+    assert any("rows are left out" in line and "f_1" in line for line in remarks), remarks
+
+
+def test_mapping_that_was_edited_is_not_overwritten(tmp_path, robot):
+    file = german(tmp_path / "log.csv")
+    foreign_import.import_mapped(file, tmp_path / "run", robot, None, [])
+    edited = tmp_path / "run/log.map.toml"
+    edited.write_text("# mine\n" + edited.read_text())
+    with pytest.raises(InputError, match="is there already; pass --map"):
+        foreign_import.import_mapped(file, tmp_path / "run", robot, None, [])
+    assert edited.read_text().startswith("# mine")
+
+
 def test_accelerometer_in_g_without_units(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,ax,ay,az\n" + "".join(f"{i / 100},0.01,-0.02,1.0\n" for i in range(50)))

@@ -117,7 +117,6 @@ static void test_every_refusal_has_its_reason_and_changes_nothing(void)
     bad[IPE_GATE_OLD_SEQUENCE].sequence = 1, bad[IPE_GATE_OLD_SEQUENCE].t_ns = START;
     bad[IPE_GATE_TOO_OLD].t_ns = t - 1100 * MS;
     bad[IPE_GATE_VERDICT].verdict = 2;
-    bad[IPE_GATE_CHANGE_PENDING].is_change_pending = true;
     bad[IPE_GATE_UNOBSERVABLE].observable[6] = false;
     bad[IPE_GATE_SIGMA].covariance[0][0] = 16.0 + 0.0004 * nominal[0] * nominal[0];
     bad[IPE_GATE_INCONSISTENT].theta[4] = -1.0;
@@ -199,8 +198,28 @@ static void test_restarted_daemon_counts_anew(void)
 {
     const int64_t live = go_live(1.0);
     TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, offer(1000, live + 100 * MS, 1.0));
-    for (int k = 0; k < limits.n_return - 1; ++k) {  // numbers from 0 again, time goes on
-        TEST_ASSERT_EQUAL_INT(k == 0 ? IPE_GATE_WAITS : IPE_GATE_TAKEN, offer(k, live + (200 + k * 100) * MS, 1.0));
+    for (int k = 0; k < limits.n_return; ++k) {  // numbers from 0 again, time goes on: another body
+        const ipe_gate_reason_t expected = k < limits.n_return - 1 ? IPE_GATE_WAITS : IPE_GATE_TAKEN;
+        TEST_ASSERT_EQUAL_INT(expected, offer(k, live + (200 + k * 100) * MS, 1.5));
+    }
+}
+
+static void test_covariance_that_is_none_is_refused(void)
+{
+    const int64_t t = go_live(1.0) + 100 * MS;
+    for (int i = 0; i < IPE_NP; ++i) {
+        ipe_gate_estimate_t e = estimate(100 + i, t, 1.0);
+        e.covariance[i][i] = -1.0;
+        TEST_ASSERT_EQUAL_INT(IPE_GATE_NOT_FINITE, ipe_parameter_gate_offer(&gate, &e, t));
+    }
+}
+
+static void test_wild_times_are_refused(void)
+{
+    const int64_t wild[] = {INT64_MIN, -1, INT64_MAX};
+    for (int i = 0; i < 3; ++i) {
+        const ipe_gate_estimate_t e = estimate(1, wild[i], 1.0);
+        TEST_ASSERT_EQUAL_INT(IPE_GATE_TOO_OLD, ipe_parameter_gate_offer(&gate, &e, START));
     }
 }
 
@@ -280,6 +299,8 @@ int main(void)
     RUN_TEST(test_silence_falls_back_without_a_jump_and_needs_several_to_return);
     RUN_TEST(test_last_good_parameters_are_kept_where_asked_for);
     RUN_TEST(test_restarted_daemon_counts_anew);
+    RUN_TEST(test_covariance_that_is_none_is_refused);
+    RUN_TEST(test_wild_times_are_refused);
     RUN_TEST(test_bad_limits_and_impossible_nominal_bodies_are_refused);
     RUN_TEST(test_random_estimates_never_move_theta_to_a_body_that_cannot_exist);
     RUN_TEST(test_reader_of_another_thread_never_sees_half_an_estimate);

@@ -7,8 +7,8 @@
 ///   delays      a value stamped t was measured at t - delay: the row at t gets what is stamped t + delay
 ///   target, attitude delay          added to the configuration
 ///   biases, force offsets and gains added to the calibration
-/// IMU position, scales, cable inertia, external force and friction are left out: the equations are linear in them (systematic.h), and their columns are
-/// added to the residual instead, batch.hpp.
+/// IMU position, scales, cable inertia, external force and friction are left out: the equations are linear in them
+/// (systematic.h), and their columns are added to the residual instead, batch.hpp.
 /// The order of xi is that of systematic.h.
 #pragma once
 

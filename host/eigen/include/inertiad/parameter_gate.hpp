@@ -49,7 +49,7 @@ public:
         return {Eigen::Map<const Theta>(p.theta), p.source, p.sequence, p.age, p.is_moving};
     }
 
-    /// Estimates that this became of. For the thread that offers.
+    /// Estimates offered so far with this outcome. For the thread that offers.
     std::uint64_t count(ipe_gate_reason_t reason) const noexcept { return gate_.n[reason]; }
 
 private:

@@ -112,8 +112,8 @@ inline void correct(const ipe_config_t& c, const Eigen::Matrix3d& R_PI, const Mo
     v = kept_v + e.segment<3>(IPE_MOTION_V) - R * w.cross(imu);
 }
 
-/// The error of a node's attitude, whose next node is `step` [s] away. What the forward filter has of the time is how fast
-/// measurements reduce its error; given the whole run the error hardly changes where the gyro hardly drifts.
+/// The error of a node's attitude, whose next node is `step` [s] away. The forward filter's time is how fast
+/// measurements reduce its error. Given the whole run, the error changes only as the gyro drifts.
 inline void set_error(const MotionNode& at, double step, ipe_attitude_error_t& error)
 {
     for (int i = 0; i < 3; ++i) {

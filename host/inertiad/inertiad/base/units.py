@@ -8,7 +8,8 @@ from typing import Final
 from inertiad.base.error import InputError
 from inertiad.base.quantity import Dimension
 
-_G = 9.80665
+G = 9.80665
+"""m/s2, standard gravity: of the unit g and of a kilogram-force"""
 _DEG = math.pi / 180.0
 SI_VALUE: Final[dict[Dimension, dict[str, float]]] = {
     "acceleration": {
@@ -16,14 +17,14 @@ SI_VALUE: Final[dict[Dimension, dict[str, float]]] = {
         "m/s/s": 1.0,
         "mm/s2": 1e-3,
         "cm/s2": 1e-2,
-        "g": _G,
-        "mg": 1e-3 * _G,
-        "ug": 1e-6 * _G,
+        "g": G,
+        "mg": 1e-3 * G,
+        "ug": 1e-6 * G,
     },
     "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEG, "dps": _DEG, "mdps": 1e-3 * _DEG, "deg/h": _DEG / 3600.0},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEG, "mdeg": 1e-3 * _DEG},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "force": {"N": 1.0, "mN": 1e-3, "daN": 10.0, "kN": 1e3, "kgf": _G, "kg": _G, "lbf": 4.4482216152605},
+    "force": {"N": 1.0, "mN": 1e-3, "daN": 10.0, "kN": 1e3, "kgf": G, "kg": G, "lbf": 4.4482216152605},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "none": {"": 1.0, "1": 1.0, "-": 1.0},
 }

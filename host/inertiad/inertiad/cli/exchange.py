@@ -40,7 +40,8 @@ def export_command(
         with written(output, f".{to}") as path:
             contents = convert.export(run, to, path, robot, prefix, remarks)
         if is_stdout(output) and len(contents) > 1:
-            remarks.append(f"-: the first of {len(contents)} tables only; with a FILE each gets a file of its own")
+            written_part = "the first table only" if to in ("csv", "parquet") else "without the layouts"
+            remarks.append(f"-: {written_part}; with a FILE each gets a file of its own")
     for line in remarks if is_stdout(output) else (*remarks, *contents):
         say(line)
 

@@ -25,7 +25,6 @@ from inertiad.exchange.foreign_csv import Channel
 from inertiad.robot.messages import Strict, nearest_or_known, validate
 from inertiad.robot.value_types import Range
 
-GRAVITY: Final = 9.80665
 NOT_MAPPED: Final = (*quantity.COUNTER, *quantity.TIME)
 
 
@@ -118,16 +117,21 @@ def _proposed(channels: list[Channel]) -> Iterator[Found]:
         recognise(name) is None and recognise(name[:-1] + "1") == "f_1" for name in names if name[-1:] == "0"
     )
     for channel in channels:
-        name = channel.name
-        if from_zero and name[-1:].isdigit():
-            head = name.rstrip("0123456789")
-            name = f"{head}{int(name[len(head) :]) + 1}"
-        found = recognise(name, channel.unit) or recognise(channel.name, channel.unit)
+        found = recognise(channel.name, channel.unit)
+        if from_zero and (shifted := _one_more(channel.name)) is not None:
+            force = recognise(shifted, channel.unit)
+            found = force if force is not None and force.startswith("f_") else found
         if found is None or found in ("t", "counter") or found in taken:
             yield Found(channel, None)
         else:
             taken.add(found)
             yield Found(channel, found)
+
+
+def _one_more(name: str) -> str | None:
+    """A name with the number at its end raised by one; None: it has none."""
+    head = name.rstrip("0123456789")
+    return f"{head}{int(name[len(head) :]) + 1}" if head != name else None
 
 
 def n_forces(found: list[Found]) -> int:
@@ -190,7 +194,7 @@ def mapping_text(path: Path, found: list[Found]) -> str:
     """The proposed mapping of a recording as TOML, with every channel it has as a comment."""
     in_g = _accelerations_in_g(found)
     lines = [f"# Mapping of the channels of {path.name} to quantities; check units, then:"]
-    lines += [f"# inertiactl import {path.name} --map map.toml --robot robot.toml -o run", ""]
+    lines += [f"# inertiactl import {path.name} --map run/{path.stem}.map.toml --robot robot.toml -o run", ""]
     for item in found:
         name, channel = item.quantity, item.channel
         lines.append(f"# {item.text}")

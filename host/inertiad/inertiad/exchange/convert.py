@@ -94,7 +94,9 @@ def is_foreign(file: Path) -> bool:
 def _has_blanks(file: Path) -> bool:
     """Whether cells are blank in the first rows, as where sensors of different rates share a file."""
     with file.open(encoding="utf-8-sig", errors="replace") as lines:
-        return any(not cell.strip() for line in itertools.islice(lines, 1, 200) for cell in line.split(","))
+        return any(
+            not cell.strip() for line in itertools.islice(lines, 1, 200) if line.strip() for cell in line.split(",")
+        )
 
 
 def _is_health(names: list[str]) -> bool:

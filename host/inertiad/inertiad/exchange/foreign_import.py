@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
@@ -23,6 +24,9 @@ from inertiad.robot.dbc import Binding
 from inertiad.run import encode, signals_csv, tracker_csv
 from inertiad.run import folder as run_folder
 
+GAP_PERIODS: Final = 3.0
+GAP_LEAST: Final = 0.1
+"""s: samples further apart than this and three periods are a gap, across which nothing is interpolated"""
 SENSORS: Final = ("imu", "force", "pos")
 
 
@@ -42,10 +46,28 @@ def _at(t: Array, name: str, channel: Channel) -> Array:
     return (found + np.pi) % (2.0 * np.pi) - np.pi if name in quantity.RPY else found
 
 
-def _overlap(t: Array, members: list[Channel]) -> Array:
-    """The times at which every channel has data on both sides."""
-    first, last = max(m.t[0] for m in members), min(m.t[-1] for m in members)
-    return t[(t >= first) & (t <= last)]
+def _is_near(t: Array, channel: Channel) -> NDArray[np.bool_]:
+    """Is each time between two samples of the channel that are not a gap apart?"""
+    gap = max(GAP_PERIODS * float(np.median(np.diff(channel.t))), GAP_LEAST) if len(channel.t) > 1 else 0.0
+    after = np.searchsorted(channel.t, t)
+    inside = (after > 0) & (after < len(channel.t))
+    between = channel.t[np.where(inside, after, 0)] - channel.t[np.where(inside, after - 1, 0)]
+    at_sample = np.isin(t, channel.t)
+    return at_sample | (inside & (between <= gap))
+
+
+def _overlap(t: Array, members: dict[str, Channel], remarks: list[str]) -> Array:
+    """The times at which every channel has samples on both sides, none of them across a gap, which remarks names."""
+    first, last = max(m.t[0] for m in members.values()), min(m.t[-1] for m in members.values())
+    t = t[(t >= first) & (t <= last)]
+    near = {name: _is_near(t, channel) for name, channel in members.items()}
+    kept = np.all(list(near.values()), axis=0)
+    silent = [name for name, own in near.items() if not own.all()]
+    if silent:
+        lost = t[~kept]
+        where = f"between {lost[0]:.6g} and {lost[-1]:.6g} s"
+        remarks.append(f"{len(lost)} of {len(t)} rows are left out, {where}: {', '.join(silent)} have gaps there")
+    return np.asarray(t[kept])
 
 
 def _continuous(columns: dict[str, Channel]) -> dict[str, Channel]:
@@ -70,13 +92,16 @@ def _table(columns: dict[str, Channel], t: Array, source: str) -> Table:
     return Table(t, found, source)
 
 
-def by_sensor(mapped: dict[str, Channel], source: str) -> Mapped:
-    """Tables of the sensors, each at the times of its first channel. InputError: channels of a sensor never overlap."""
+def by_sensor(mapped: dict[str, Channel], source: str, remarks: list[str]) -> Mapped:
+    """Tables of the sensors, each at the times of its first channel. InputError: channels of a sensor never overlap.
+
+    remarks: rows left out because a channel has a gap there.
+    """
     sensors = {}
     for sensor in SENSORS:
         columns = {name: channel for name, channel in mapped.items() if quantity.sensor(name) == sensor}
         if columns:
-            t = _overlap(next(iter(columns.values())).t, list(columns.values()))
+            t = _overlap(next(iter(columns.values())).t, columns, remarks)
             if len(t) < 2:
                 raise InputError(f"{source}: the {sensor} channels have no time in common")
             if t[0] < 0.0:
@@ -88,13 +113,13 @@ def by_sensor(mapped: dict[str, Channel], source: str) -> Mapped:
     return Mapped(sensors, source)
 
 
-def joined(found: Mapped) -> Table | None:
-    """Signals at the IMU's samples, else at those of the forces; None: neither is there."""
+def joined(found: Mapped, remarks: list[str]) -> Table | None:
+    """Signals at the IMU's samples, else at those of the forces; None: neither is there. remarks: rows left out."""
     parts = [found.sensors[name] for name in ("imu", "force") if name in found.sensors]
     if not parts:
         return None
     columns = {name: Channel(name, "", part.t, values) for part in parts for name, values in part.columns.items()}
-    t = _overlap(parts[0].t, list(columns.values()))
+    t = _overlap(parts[0].t, columns, remarks)
     if len(t) < 2:
         raise InputError(f"{found.source}: IMU and forces have no time in common")
     return signals_csv.with_attitude(_table(columns, t, found.source))
@@ -134,7 +159,7 @@ def _write_can(folder: Path, found: Mapped, robot_file: Path, remarks: list[str]
         remarks.append(f"no can.log: {', '.join(missing)} are not mapped, which [signals] of {robot_file} needs")
         return
     tables = dict(found.sensors)
-    shared, signals = _shared_message(bindings), joined(found)
+    shared, signals = _shared_message(bindings), joined(found, [])
     if shared is not None and signals is not None:
         remarks.append(f"message {shared} carries several sensors: all go to can.log at the IMU's rate")
         tables = {"imu": signals}
@@ -164,14 +189,16 @@ def import_mapped(
     if mapping is None:
         mapping = channels.proposed_mapping(file, known)
         proposal = folder / f"{file.stem}.map.toml"
+        if proposal.exists():
+            raise InputError(f"{proposal}: is there already; pass --map {proposal}, or remove it")
         proposal.write_text(channels.mapping_text(file, known), encoding="utf-8")
         remarks += [item.text for item in known]
         remarks += channels.unit_remarks(known)
         remarks.append(f"mapping proposed from names, units and values: check {proposal}, change it, pass --map")
-    found = by_sensor(channels.mapped(file, known, mapping), str(file))
+    found = by_sensor(channels.mapped(file, known, mapping), str(file), remarks)
     remarks += _rate_remarks(found)
     written = []
-    signals = joined(found)
+    signals = joined(found, remarks)
     if signals is not None:
         dataset.write_csv(folder / "signals.csv", signals, with_units=False)
         written.append(f"{folder / 'signals.csv'}: {len(signals)} rows, {rate_of(signals.t):.4g} Hz")

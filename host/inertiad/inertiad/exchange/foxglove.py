@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-import inertiad_core
 from inertiad.base import quantity
 from inertiad.base.body import Body
 from inertiad.base.table import Array, Table
@@ -26,7 +25,7 @@ from inertiad.model import solid
 from inertiad.model.tension_color import color
 from inertiad.robot.description import Robot
 from inertiad.run import reader
-from inertiad.run.platform_pose import platform_pose
+from inertiad.run.platform_pose import cable_ends, platform_pose
 
 RATE: Final = 30.0
 """Hz"""
@@ -141,8 +140,8 @@ def _motion(data: Dataset, robot: Robot) -> Iterator[Message]:
         return
     Transform, Pose, Scene = _classes()
     p, turn = platform_pose(q, position, robot.imu.orientation, robot.tracker.target)
-    leave = _leave_points(robot, p, turn)
-    corner = p[:, None] + np.einsum("kij,nj->kni", turn.as_matrix(), [c.attachment for c in robot.cable])
+    attachments, anchors = (np.array([getattr(c, key) for c in robot.cable]) for key in ("attachment", "anchor"))
+    corner, leave = cable_ends(reader.config_of(robot, robot.name), attachments, anchors, p, turn.as_matrix())
     quaternion = turn.as_quat()
     yield Message("/robot", int(signals.t_ns[at[0]]), _robot(Scene, robot, int(signals.t_ns[at[0]])))
     for k, row in enumerate(at.tolist()):
@@ -161,17 +160,6 @@ def _motion(data: Dataset, robot: Robot) -> Iterator[Message]:
         _lines(_entity(scene, "cables", WORLD, t_ns), ends, [rgb for rgb in colors for _ in range(2)])
         for topic, message in (("/tf", transform), ("/platform/pose", pose), ("/cables", scene)):
             yield Message(topic, t_ns, message)
-
-
-def _leave_points(robot: Robot, p: Array, turn: Rotation) -> Array:
-    """Where each cable leaves its pulley [N, m, 3], W; its anchor where a cable has no direction."""
-    R = turn.as_matrix()
-    corner = p[:, None] + np.einsum("kij,nj->kni", R, [c.attachment for c in robot.cable])
-    try:
-        u, free, _ = inertiad_core.cable_geometry(reader.config_of(robot, robot.name), p, np.ascontiguousarray(R))
-    except ValueError:
-        return np.broadcast_to([c.anchor for c in robot.cable], corner.shape)
-    return np.asarray(corner + u * free[:, :, None])
 
 
 def _bodies(data: Dataset, robot: Robot) -> Iterator[Message]:

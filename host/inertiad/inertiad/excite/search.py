@@ -11,7 +11,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.pool import Pool
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy.optimize import minimize
@@ -111,13 +111,16 @@ def search(problem: Problem, seed: int, index: int, step: Step = lambda share, c
     return result
 
 
+PROCESSES: Final = 2
+
 _reports: Any = None
-"""of a searching process: the queue to the one that waits"""
+"""of a searching process: the queue to the one that waits; None in it: a process has begun"""
 
 
 def _begin(reports: Any) -> None:
     global _reports
     _reports = reports
+    reports.put(None)
 
 
 def _search(problem: Problem, seed: int, index: int) -> tuple[float, Array]:
@@ -129,7 +132,7 @@ def search_all(problem: Problem, n_starts: int, seed: int, progress: Progress) -
     context = multiprocessing.get_context("spawn")
     reports = context.Queue()
     with _one_thread_each(), _deaf_to_interrupts():
-        pool = context.Pool(2, _begin, (reports,))
+        pool = context.Pool(PROCESSES, _begin, (reports,))
     with pool:
         results = _all_of(pool, problem, n_starts, seed, reports, progress)
     return min(results, key=lambda result: result[0])[1]
@@ -139,14 +142,23 @@ def _all_of(
     pool: Pool, problem: Problem, n_starts: int, seed: int, reports: Any, progress: Progress
 ) -> list[tuple[float, Array]]:
     pending = [pool.apply_async(_search, (problem, seed, index)) for index in range(n_starts)]
-    shares, best = np.zeros(n_starts), np.full(10, np.inf)
+    """The results of all searches. InputError: a searching process was killed; the pool puts another in its place, but
+    the search that it had is lost."""
+    n_begun, shares, best = 0, np.zeros(n_starts), None
     progress("plan: start the search")
     while not all(one.ready() for one in pending):
         try:
-            index, shares[index], sigma = reports.get(timeout=0.2)
+            report = reports.get(timeout=0.2)
         except queue.Empty:
             continue
-        best = min(best, sigma, key=lambda s: float(np.sum((s / problem.goal.scale) ** 2)))
+        if report is None:
+            n_begun += 1
+            if n_begun > PROCESSES:
+                raise InputError("excite: a searching process was killed; is memory short? Try --starts 1")
+            continue
+        index, shares[index], sigma = report
+        if best is None or np.sum((sigma / problem.goal.scale) ** 2) < np.sum((best / problem.goal.scale) ** 2):
+            best = sigma
         progress(_bar(float(shares.mean()), best))
     return [one.get() for one in pending]
 

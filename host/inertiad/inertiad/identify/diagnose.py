@@ -11,9 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
+from inertiad.base import units
 from inertiad.base.finding import Finding, Severity
 from inertiad.base.table import Array
 from inertiad.identify import mistake_fit
+from inertiad.identify.mistake_fit import CORRECT
 from inertiad.robot.configuration import typical_mass
 from inertiad.robot.description import Robot
 from inertiad.run import reader
@@ -29,8 +31,7 @@ MOVING: Final = 0.02
 SLACK_SHARE: Final = 0.01
 SLACK: Final = 0.5
 """of tension_min"""
-FORCE_UNITS: Final = (("kN", 1e3), ("kg", 9.80665), ("lbf", 4.4482), ("daN", 10.0), ("mN", 1e-3))
-CORRECT: Final = "correct robot.toml or the wiring, then record or fit again"
+FORCE_UNITS: Final = (("kN", 1e3), ("kg", units.G), ("lbf", 4.4482), ("daN", 10.0), ("mN", 1e-3))
 LOOK_AT_SENSOR: Final = "check this sensor: mounting, cable, amplifier, range; then repeat the run"
 TAUT: Final = "keep the motion where all cables pull: inertiactl excite keeps every tension inside its limits"
 

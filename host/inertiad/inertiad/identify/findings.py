@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from inertiad.base.body import NAMES
+from inertiad.base.body import NAMES, UNITS
 from inertiad.base.error import InputError
 from inertiad.base.finding import Finding, Severity
 from inertiad.base.table import Array
@@ -338,28 +338,28 @@ def _is_alone_better(config: Any, result: dict[str, Any], recordings: list[Recor
 def _bodies_apart(config: Any, recordings: list[Recording]) -> Iterator[Finding]:
     """Where no body fits all runs: the run whose own body is farthest from those of the others, if that is far."""
     try:
-        alone = [fit.batch(config, [run])["body"][0] for run in recordings]
+        results = [fit.batch(config, [run]) for run in recordings]
     except InputError:
         return
+    if not all(result["converged"] for result in results):
+        return
+    alone = [result["body"][0] for result in results]
     value = np.array([[b["mass"], *b["cog"], *b["inertia_cog"]] for b in alone])
     variance = np.array([block_statistics.standard_deviations(b) for b in alone]) ** 2
-    far = []
+    difference, far = np.zeros_like(value), np.zeros_like(value)
     for r in range(len(recordings)):
         weight = np.delete(1.0 / variance, r, axis=0)
-        rest = (np.delete(value, r, axis=0) * weight).sum(axis=0) / weight.sum(axis=0)
-        far.append((value[r] - rest) / np.sqrt(variance[r] + 1.0 / weight.sum(axis=0)))
-    r = int(np.argmax([np.abs(z).max() for z in far]))
-    if np.abs(far[r]).max() < FAR:
+        difference[r] = value[r] - (np.delete(value, r, axis=0) * weight).sum(axis=0) / weight.sum(axis=0)
+        far[r] = np.abs(difference[r]) / np.sqrt(variance[r] + 1.0 / weight.sum(axis=0))
+    r, i = divmod(int(np.argmax(far)), far.shape[1])
+    if far[r, i] < FAR:
         return
-    others = np.delete(value[:, 0], r) @ np.delete(1.0 / variance[:, 0], r) / np.delete(1.0 / variance[:, 0], r).sum()
-    mass = float(value[r, 0] - others)
-    evidence = {
-        "run": recordings[r].path.name,
-        "kind": "body",
-        "mass_difference": mass,
-        "z": float(np.abs(far[r]).max()),
-    }
-    says = f"{recordings[r].path.name} saw a different body than the other runs: mass differs by {mass:+.3g} kg"
+    name, mass = recordings[r].path.name, float(difference[r, 0])
+    evidence = {"run": name, "kind": "body", "mass_difference": mass, "sigmas": float(far[r, i])}
+    shown = f"mass differs by {mass:+.3g} kg"
+    if i > 0:
+        shown += f", {NAMES[i]} by {difference[r, i]:+.3g} {UNITS[i]}"
+    says = f"{name} saw a different body than the other runs: {shown}"
     yield Finding("runs_disagree", "stop", says, FIT_APART, evidence)
 
 

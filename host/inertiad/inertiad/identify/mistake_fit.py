@@ -17,6 +17,7 @@ another kind whose cost is almost as low is named beside it.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -28,14 +29,13 @@ from inertiad.base.finding import Finding
 from inertiad.base.table import Array
 from inertiad.identify.fit import WEAK_PRIOR
 from inertiad.identify.mistake_table import Case, Mistake, Samples, about_z, earlier, mounting, table
+from inertiad.identify.smooth_window import WINDOW, Windows, windows
 from inertiad.robot import configuration, dbc
 from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
-WINDOW: Final = 0.5
-"""s"""
 PERIOD: Final = 0.04
 """s between the samples that are looked at: 12 to a window"""
 ROWS_MAX: Final = 2_000
@@ -52,6 +52,8 @@ WINDOWS_MIN: Final = 30
 """windows that give more equations than there are unknowns"""
 GROSS: Final = 5e-3
 """residual, of the weight, below which no plug, axis or unit is wrong"""
+STEPS, HALVINGS, WORTH_A_STEP = 6, 4, 0.1
+"""of Gauss-Newton: at most so many, halved at most so often, each for this fall of the cost at least"""
 SURE: Final = (30.0, 150.0)
 """fall of the cost that names a mistake: where a law's residual falls by FALLS, and where none does"""
 FALLS: Final = 1.25
@@ -66,35 +68,6 @@ CORRECT: Final = "correct robot.toml or the wiring, then record or fit again"
 
 
 @dataclass(frozen=True)
-class Windows:
-    """Windows of one run: index of their rows, kernel and its derivatives."""
-
-    rows: Array
-    k: Array
-    slope: Array
-    curvature: Array
-
-
-def windows(t: Array) -> Windows:
-    """Windows of half overlap, none across a gap. k = (1 + cos)^2/1.5 over WINDOW: its slope ends at 0."""
-    dt = float(np.median(np.diff(t)))
-    n = max(8, round(WINDOW / dt))
-    first = np.arange(0, len(t) - n + 1, max(1, n // 2))
-    rows = first[:, None] + np.arange(n)
-    whole = np.diff(t[rows], axis=1).max(axis=1) < 1.8 * dt if len(rows) else np.zeros(0, bool)
-    x = 2.0 * np.pi * (np.arange(n) + 0.5) / n - np.pi
-    k = (1.0 + np.cos(x)) ** 2
-    rate = 2.0 * np.pi / (n * dt)
-    slope = -2.0 * (1.0 + np.cos(x)) * np.sin(x) * rate
-    curvature = 2.0 * (np.sin(x) ** 2 - (1.0 + np.cos(x)) * np.cos(x)) * rate**2
-    return Windows(rows[whole], k / k.sum(), slope / k.sum(), curvature / k.sum())
-
-
-def _mean(w: Windows, weight: Array, x: Array) -> Array:
-    return np.einsum("k,wk...->w...", weight, x[w.rows])
-
-
-@dataclass(frozen=True)
 class Law:
     """Equations of one law over all runs: y = A x + noise, x with priors [len x] of this std; inf: none."""
 
@@ -104,7 +77,8 @@ class Law:
     floor: float
     """of the residual: less than this tells nothing"""
 
-    def solve(self) -> tuple[Array, float, float]:
+    @cached_property
+    def solved(self) -> tuple[Array, float, float]:
         """x, rms of the residual, the priors' cost. The priors are weighed with the residual's own noise."""
         sigma, x = self.floor, np.zeros(self.A.shape[1])
         for _ in range(3):
@@ -116,7 +90,7 @@ class Law:
 
     def independent(self, width: int) -> float:
         """Equations that count, by the correlation of the residual from window to window; width: equations of one."""
-        x, _, _ = self.solve()
+        x, _, _ = self.solved
         r = (self.y - self.A @ x).reshape(-1, width)
         rho = float((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-300))
         return len(self.y) * max((1.0 - rho) / (1.0 + rho), 0.02) / 2.0
@@ -126,16 +100,19 @@ class Law:
 class Fitted:
     mistake: Mistake
     cost: float
-    rms: float
-    """of the residual force, N"""
     numbers: Array
     laws: list[Law]
+
+    @property
+    def rms(self) -> float:
+        """Of the residual force, N."""
+        return self.laws[0].solved[1] * float(np.sqrt(6.0))
 
     def cost_with(self, equations: list[float]) -> float:
         """Cost where so many equations of each law are independent."""
         cost = 2.0 * len(self.numbers)
         for law, n in zip(self.laws, equations, strict=True):
-            _, sigma, priors = law.solve()
+            _, sigma, priors = law.solved
             cost += 2.0 * n * float(np.log(sigma / law.floor)) + priors
         return cost
 
@@ -188,16 +165,16 @@ class Judge:
                 return W, np.einsum("nij,nj->ni", W, f) + sag
 
             W, wrench = pull(p, R, run.f)
-            columns = [_mean(w, w.k, W), _mean(w, w.k, W * run.f[:, None, :]) @ zero_sum]
+            columns = [w.mean(w.k, W), w.mean(w.k, W * run.f[:, None, :]) @ zero_sum]
             for moved in _displaced(robot, run):
                 change = pull(*_pose(robot, moved), moved.f)[1] - wrench
-                columns.append(_mean(w, w.k, change)[:, :, None] / STEP)
+                columns.append(w.mean(w.k, change)[:, :, None] / STEP)
             if case.extra is not None:
                 force = np.einsum("nji,j->ni", R, case.extra)
                 wrench = wrench + np.hstack([force, np.cross(-point, force)])
-            Y = _mean(w, w.k, inertiad_core.regressor(s, rate, np.zeros_like(s)))
-            columns.insert(0, Y - np.einsum("wa,aij->wij", _mean(w, w.slope, rate), D))
-            y.append(_mean(w, w.k, wrench) * scale)
+            Y = w.mean(w.k, inertiad_core.regressor(s, rate, np.zeros_like(s)))
+            columns.insert(0, Y - np.einsum("wa,aij->wij", w.mean(w.slope, rate), D))
+            y.append(w.mean(w.k, wrench) * scale)
             A.append(np.concatenate(columns, axis=2) * scale[:, None])
         bodies, bias = [], []
         for wrench, columns in zip(y, A, strict=True):  # each run may have a body of its own
@@ -223,13 +200,13 @@ class Judge:
         def difference(run: Samples, w: Windows) -> Array:
             p, R = _pose(robot, run)
             s = np.einsum("nij,nj->ni", run.R, run.acc)
-            return _mean(w, w.k, s) - [0.0, 0.0, g] - _mean(w, w.curvature, p + R @ np.array(robot.imu.position))
+            return w.mean(w.k, s) - [0.0, 0.0, g] - w.mean(w.curvature, p + R @ np.array(robot.imu.position))
 
         y, A = [], []
         for run, w in zip(case.runs, self.windows, strict=True):
             y.append(difference(run, w))
             moved = [(difference(d, w) - y[-1])[:, :, None] / STEP for d in _displaced(robot, run)]
-            A.append(-np.concatenate([-_mean(w, w.k, run.R), *moved], axis=2))
+            A.append(-np.concatenate([-w.mean(w.k, run.R), *moved], axis=2))
         priors = [np.full(3, max(self.std["acc_bias"], 0.02)), self.displacement_std]
         return Law(np.concatenate(y).ravel(), _blocks(A), np.concatenate(priors), 0.01)
 
@@ -239,7 +216,7 @@ class Judge:
         def difference(run: Samples, w: Windows) -> Array:
             turn = Rotation.from_matrix(np.swapaxes(run.R[:-1], 1, 2) @ run.R[1:]).as_rotvec()
             middle = 0.5 * (run.gyro[1:] + run.gyro[:-1]) - turn / np.diff(run.t)[:, None]
-            return _mean(w, w.k, np.vstack([middle, middle[-1:]]))
+            return w.mean(w.k, np.vstack([middle, middle[-1:]]))
 
         y, A = [], []
         for run, w in zip(case.runs, self.windows, strict=True):
@@ -250,44 +227,46 @@ class Judge:
         priors = [*3 * [max(self.std["gyro_bias"], 1e-3)], max(self.std["attitude_delay"], 2e-3)]
         return Law(np.concatenate(y).ravel(), _blocks(A), np.array(priors), 2e-3)
 
-    def judge(self, case: Case) -> tuple[float, float, list[Law]]:
-        """Cost, rms of the residual force [N], the laws."""
-        laws, cost, rms = [self.forces(case), self.kinematics(case), self.rotation(case)], 0.0, []
-        for law, share in zip(laws, (1.0, 0.5, 0.5), strict=True):
-            _, sigma, priors = law.solve()
-            cost += share * self.n * 2.0 * np.log(sigma / law.floor) + priors
-            rms.append(sigma)
-        return cost, rms[0] * np.sqrt(6.0), laws
+    def laws(self, case: Case) -> list[Law]:
+        """The laws of a case; empty: a cable has no direction, or there is no such robot."""
+        try:
+            return [self.forces(case), self.kinematics(case), self.rotation(case)]
+        except ValueError:
+            return []
+
+    def cost(self, laws: list[Law]) -> float:
+        """Of the residuals and the priors; inf without laws."""
+        cost = 0.0 if laws else np.inf
+        for law, share in zip(laws, (1.0, 0.5, 0.5), strict=False):
+            _, sigma, priors = law.solved
+            cost += share * self.n * 2.0 * float(np.log(sigma / law.floor)) + priors
+        return cost
 
     def fit(self, mistake: Mistake) -> Fitted:
         """Its free numbers by Gauss-Newton on all laws, each step halved until the cost falls."""
         x = np.zeros(len(mistake.steps))
-        best = self._at(mistake, x)
-        for _ in range(6 if mistake.steps else 0):
-            step = self._step(mistake, x, best[2])
-            for _ in range(4):
+        laws = self.laws(mistake.apply(self.case, x))
+        cost = self.cost(laws)
+        for _ in range(STEPS if mistake.steps and laws else 0):
+            step = self._step(mistake, x, laws)
+            for _ in range(HALVINGS):
                 tried = np.clip(x + step, -mistake.limit, mistake.limit)
-                now = self._at(mistake, tried)
-                if now[0] < best[0]:
+                there = self.laws(mistake.apply(self.case, tried))
+                now = self.cost(there)
+                if now < cost:
                     break
                 step = 0.5 * step
-            if not now[0] < best[0] - 0.1:
+            if not now < cost - WORTH_A_STEP:
                 break
-            x, best = tried, now
-        return Fitted(mistake, best[0] + 2.0 * len(x), best[1], x, best[2])
-
-    def _at(self, mistake: Mistake, x: Array) -> tuple[float, float, list[Law]]:
-        try:
-            return self.judge(mistake.apply(self.case, x))
-        except ValueError:  # a cable has no direction, a robot that cannot be
-            return np.inf, np.inf, []
+            x, laws, cost = tried, there, now
+        return Fitted(mistake, cost + 2.0 * len(x), x, laws)
 
     def best_by_law(self, mistakes: list[Mistake]) -> list[Mistake]:
         """Those without a law of choice, and of each kind with one the few that fit its law best."""
         chosen = [c for c in mistakes if not c.law]
         for kind in dict.fromkeys(c.kind for c in mistakes if c.law):
             rivals = [c for c in mistakes if c.kind == kind]
-            rms = [getattr(self, c.law)(c.apply(self.case, np.zeros(0))).solve()[1] for c in rivals]
+            rms = [getattr(self, c.law)(c.apply(self.case, np.zeros(0))).solved[1] for c in rivals]
             chosen += [rivals[i] for i in np.argsort(rms)[:CHOSEN]]
         return chosen
 
@@ -305,12 +284,14 @@ class Judge:
 
     def _equations(self, mistake: Mistake, x: Array, laws: list[Law]) -> tuple[Array, Array]:
         """The laws' residuals against the free numbers, sensors' errors eliminated."""
-        changed = [self._at(mistake, x + h * e)[2] for h, e in zip(mistake.steps, np.eye(len(x)), strict=True)]
+        changed = [
+            self.laws(mistake.apply(self.case, x + h * e)) for h, e in zip(mistake.steps, np.eye(len(x)), strict=True)
+        ]
         if not laws or not all(changed):
             return np.eye(len(x)), np.zeros(len(x))
         normal, right = np.zeros((len(x), len(x))), np.zeros(len(x))
         for i, law in enumerate(laws):
-            a, sigma, _ = law.solve()
+            a, sigma, _ = law.solved
             weight = np.sqrt(INDEPENDENT) / sigma
             n = law.A.shape[1]
             columns = [(c[i].y - law.y - (c[i].A - law.A) @ a) / h for c, h in zip(changed, mistake.steps, strict=True)]
@@ -367,12 +348,14 @@ NOTHING: Final = Mistake("none", "", lambda case, _: case)
 
 
 def explain(judge: Judge) -> list[Fitted]:
-    """All mistakes that were fitted and the runs as they are (NOTHING), the best first."""
+    """All mistakes that were fitted and the runs as they are (NOTHING), the best first; empty: no fit is possible."""
     tried = table(judge.case.robot)
     found = [judge.fit(NOTHING)]
+    if not found[0].laws:
+        return []
     if found[0].rms > GROSS * judge.weight:
         found += [judge.fit(c) for c in judge.best_by_law([c for c in tried if not c.steps])]
-    free, laws = [c for c in tried if c.steps], judge.judge(judge.case)[2]
+    free, laws = [c for c in tried if c.steps], found[0].laws
     expected = [(judge.expected(c, laws), i) for i, c in enumerate(free)]
     found += [judge.fit(free[i]) for _, i in sorted(expected, reverse=True)[:FITTED]]
     found = [f for f in found if f.laws]
@@ -415,7 +398,7 @@ def _is_mistake(fitted: Fitted) -> bool:
 
 def _fall(now: Fitted, best: Fitted) -> float:
     """Times that the residual of the law that falls most is larger as the runs are."""
-    return max(a.solve()[1] / b.solve()[1] for a, b in zip(now.laws, best.laws, strict=True))
+    return max(a.solved[1] / b.solved[1] for a, b in zip(now.laws, best.laws, strict=True))
 
 
 def _is_enough(recordings: list[Recording]) -> bool:
@@ -431,6 +414,8 @@ def find(robot: Robot, recordings: list[Recording]) -> list[Finding]:
         return []
     judge = Judge(robot, recordings)
     found = explain(judge)
+    if not found:
+        return []
     now = next(f for f in found if f.mistake is NOTHING)
     best = found[0]
     if now.cost - best.cost < SURE[_fall(now, best) < FALLS] or not _is_mistake(best):

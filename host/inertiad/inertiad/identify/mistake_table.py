@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from inertiad.base import units
 from inertiad.base.table import Array
 from inertiad.robot import configuration
 from inertiad.robot.description import Robot
@@ -197,7 +198,7 @@ def _imu(robot: Robot) -> Iterator[Mistake]:
     yield Mistake(
         "acc_unit",
         "the accelerometer looks like g instead of m/s2",
-        lambda case, _: case.each(lambda run: replace(run, acc=9.80665 * run.acc)),
+        lambda case, _: case.each(lambda run: replace(run, acc=units.G * run.acc)),
     )
     yield Mistake(
         "gyro_unit",

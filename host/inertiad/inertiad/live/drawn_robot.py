@@ -16,7 +16,7 @@ from inertiad.live.incoming import finite, plain
 from inertiad.model import solid, window_residual
 from inertiad.robot import configuration, systematic
 from inertiad.robot.description import Robot
-from inertiad.run.platform_pose import platform_pose
+from inertiad.run.platform_pose import cable_ends, platform_pose
 from inertiad_lcm import estimate_t, robot_config_t, signals_row_t
 
 RESIDUAL_WINDOWS: Final = 2.0
@@ -106,13 +106,8 @@ class DrawnRobot:
         at = np.array([row.q]), np.array([row.position])
         [p], turn = platform_pose(*at, self.config.imu_orientation, self.config.tracker_target)
         [R] = turn.as_matrix()
-        leave = [list(c.anchor) for c in self.cables]
-        try:
-            u, free, _ = inertiad_core.cable_geometry(self.core, p[None], R[None])
-            corner = p + np.array([c.attachment for c in self.cables]) @ R.T
-            leave = (corner + u[0] * free[0][:, None]).tolist()
-        except ValueError:
-            pass  # a cable without a direction: drawn to its anchor
+        attachments, anchors = (np.array([getattr(c, key) for c in self.cables]) for key in ("attachment", "anchor"))
+        _, [leave] = cable_ends(self.core, attachments, anchors, p[None], R[None])
         return {"p": numbers(p), "R": numbers(R.ravel()), "leave": [numbers(x) for x in leave]}
 
     def residual(self, rows: Sequence[signals_row_t], estimate: estimate_t) -> Array | None:

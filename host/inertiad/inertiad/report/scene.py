@@ -6,7 +6,6 @@ Shapes are those of model/solid.py. Both views are true to scale.
 
 import numpy as np
 
-import inertiad_core
 from inertiad.base.body import Body
 from inertiad.base.table import Array
 from inertiad.model import solid
@@ -14,6 +13,7 @@ from inertiad.report.figure import Color, Dots3, Mesh3, Path3, Scene, View
 from inertiad.report.report_data import Facts
 from inertiad.robot.description import Robot
 from inertiad.run import reader
+from inertiad.run.platform_pose import cable_ends
 
 N_AROUND, N_UP = 28, 14
 LABEL_ROOM = 0.12
@@ -88,9 +88,9 @@ def merged_labels(points: Array, room: float) -> list[str]:
 
 def _cables(facts: Facts, p: Array, R: Array) -> list[Path3 | Dots3]:
     robot = facts.robot
-    u, free, _ = inertiad_core.cable_geometry(reader.config_of(robot, robot.name), p[None], R[None])
-    corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
-    leave = corner + u[0] * free[0][:, None]
+    attachments, anchors = (np.array([getattr(c, key) for c in robot.cable]) for key in ("attachment", "anchor"))
+    core = reader.config_of(robot, robot.name)
+    [corner], [leave] = cable_ends(core, attachments, anchors, p[None], R[None])
     check = facts.force_check
     marks: list[Path3 | Dots3] = []
     for i in range(robot.n_cables):

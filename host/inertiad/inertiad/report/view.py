@@ -6,6 +6,7 @@ usual workspace, level.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -29,7 +30,7 @@ from inertiad.report.verdict import Verdict
 from inertiad.robot import configuration, description, geometry, stand_in
 from inertiad.robot.description import Robot
 from inertiad.robot.stand_in import Completed
-from inertiad.run import reader
+from inertiad.run import platform_pose, reader
 
 STEPS: Final = 11
 """places along each edge of the anchors' hull box at which tensions are looked for"""
@@ -60,7 +61,7 @@ class Shown:
     """s [N]"""
     findings: tuple[Finding, ...]
 
-    @property
+    @cached_property
     def mechanics(self) -> Mechanics:
         config = inertiad_core.Config(configuration.compile_robot(self.completed.robot, self.robot.name))
         return Mechanics(config, self.completed.robot, self.completed.body)
@@ -72,9 +73,8 @@ class Shown:
 def _path(run: Path, robot: Robot) -> tuple[Array, Array, Array]:
     """Time [N], place [N, 3] of P and rotation [N, 3, 3] P to W, of a run's rows."""
     rows = reader.read_as(run, robot).rows
-    R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True)
-    R = (Rotation.from_quat(rows.q, scalar_first=True) * R_PI.inv()).as_matrix()
-    return rows.t - rows.t[0], rows.position - R @ np.array(robot.tracker.target), R
+    p, turn = platform_pose.platform_pose(rows.q, rows.position, robot.imu.orientation, robot.tracker.target)
+    return rows.t - rows.t[0], p, turn.as_matrix()
 
 
 def _of_run(source: Path, robot: Robot) -> tuple[Array, Array, Array, list[Finding]]:
@@ -233,13 +233,13 @@ def _platform(robot: Robot, p: Array, R: Array, corner: Array) -> Marks:
 
 def _drawn(shown: Shown, edges: Array | None) -> Scene:
     robot, p, R = shown.robot, shown.p, shown.R
-    u, free, _ = inertiad_core.cable_geometry(inertiad_core.Config(shown.config), p[None], R[None])
-    corner = p + np.array([c.attachment for c in robot.cable]) @ R.T
-    size = max(float(np.linalg.norm([c.attachment for c in robot.cable], axis=1).max()), 0.05)
-    anchors = np.array([cable.anchor for cable in robot.cable])
+    attachments, anchors = (np.array([getattr(c, key) for c in robot.cable]) for key in ("attachment", "anchor"))
+    core = inertiad_core.Config(shown.config)
+    [corner], [leave] = platform_pose.cable_ends(core, attachments, anchors, p[None], R[None])
+    size = max(float(np.linalg.norm(attachments, axis=1).max()), 0.05)
     marks: Marks = [
         *_platform(robot, p, R, corner),
-        *_cables(shown, corner, corner + u[0] * free[0][:, None]),
+        *_cables(shown, corner, leave),
         *_sensors(shown, size),
         scene.triad(np.zeros(3), np.eye(3), 0.15 * float(np.ptp(anchors, axis=0).max()), "axes of W", "muted"),
     ]
@@ -272,16 +272,27 @@ def _place_text(shown: Shown) -> str:
 # ---- page ------------------------------------------------------------------------------------------------------------
 
 
+def _lines(shown: Shown) -> list[tuple[float, float]] | None:
+    """Length [m] and elevation [deg] of each cable; None where one has no direction."""
+    core = inertiad_core.Config(shown.config)
+    try:
+        u, _, length = inertiad_core.cable_geometry(core, shown.p[None], shown.R[None])
+    except ValueError:
+        return None
+    elevation = np.rad2deg(np.arcsin(np.clip(u[0][:, 2], -1.0, 1.0)))
+    return list(zip(length[0].tolist(), elevation.tolist(), strict=True))
+
+
 def _cable_table(shown: Shown) -> Table:
     robot = shown.robot
-    u, _, length = inertiad_core.cable_geometry(inertiad_core.Config(shown.config), shown.p[None], shown.R[None])
-    elevation = np.rad2deg(np.arcsin(np.clip(u[0][:, 2], -1.0, 1.0)))
-    tension = _rest_tensions(shown)
+    lines = _lines(shown)
+    tension = None if lines is None else _rest_tensions(shown)
     rows = []
     for i, cable in enumerate(robot.cable):
         place, fixed = (", ".join(f"{v:.4g}" for v in triple) for triple in (cable.anchor, cable.attachment))
         held = [] if tension is None else [f"{tension[i]:.4g}"]
-        rows.append([str(i + 1), place, fixed, f"{length[0][i]:.3f}", f"{elevation[i]:.1f}", *held])
+        line = [] if lines is None else [f"{lines[i][0]:.3f}", f"{lines[i][1]:.1f}"]
+        rows.append([str(i + 1), place, fixed, *line, *held])
     mass = shown.completed.body.mass
     foot = f"Tension: at rest in this place, platform of {mass:g} kg, the most even pull."
     if tension is None:
@@ -289,6 +300,10 @@ def _cable_table(shown: Shown) -> Table:
         if robot.n_cables < 6:
             foot = "Fewer than six cables: the platform hangs as its weight wants, in no pose of choice."
     head = ["cable", "anchor in W, m", "attachment in P, m", "length, m", "elevation, °"]
+    if lines is None:
+        return Table(
+            head[:3], rows, foot="A cable has no direction in this place: its attachment is inside its pulley."
+        )
     return Table(head if tension is None else [*head, "tension, N"], rows, foot=foot)
 
 

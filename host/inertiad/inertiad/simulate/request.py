@@ -59,6 +59,7 @@ def run_of(robot_file: Path, arguments: Arguments) -> tuple[Run, list[str]]:
     given = arguments.body is not None or arguments.mass is not None
     body = simulator.body_of(robot, arguments.body, arguments.mass)
     completed = stand_in.complete(robot, body if given else None)
+    assumed = stand_in.body_of(robot)[1] if arguments.body is None and given else ()
     path, name, remarks = _motion(arguments, completed, str(robot_file))
     plant, more = _plant(arguments, completed)
     run = Run(
@@ -74,4 +75,4 @@ def run_of(robot_file: Path, arguments: Arguments) -> tuple[Run, list[str]]:
         plant=forward_dynamics.plant(plant, completed.robot),
         payloads=payloads.parse_all(list(arguments.payload), completed.body, path.duration),
     )
-    return run, [*completed.remarks, *more, *remarks]
+    return run, [*assumed, *completed.remarks, *more, *remarks]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, model_validator
 from scipy.spatial.transform import Rotation
 
-from inertiad.base import quantity
+from inertiad.base import quantity, units
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.base.text_files import read_toml
@@ -24,7 +24,7 @@ from inertiad.model.random_errors import Dice, wander, white
 from inertiad.robot.messages import Strict, nearest, validate
 from inertiad.robot.value_types import Range
 
-_MICRO_G: Final = 9.80665e-6
+_MICRO_G: Final = 1e-6 * units.G
 
 Level = Annotated[float, Range(0, 1e3)]
 RateHz = Annotated[float, Range(1, 1e5, "Hz")]

@@ -3,7 +3,7 @@
 ///
 ///   x_next = G_k - sum_j gamma_j (G_j+1 - G_j),   gamma = argmin |f_k - sum_j gamma_j (f_j+1 - f_j)|,   j = k - 3 .. k - 1
 /// Source: Walker, Ni, SIAM Journal on Numerical Analysis 49(4), 2011, (2.1).
-/// Heap: four vectors of x. No state beside it, any thread.
+/// Heap: eight vectors of x and a QR of three columns. No state beside it, any thread.
 #pragma once
 
 #include <Eigen/QR>

@@ -56,6 +56,7 @@ public:
         result.refused = refused_;
     }
 
+private:
     /// Theta alone: linear, and its residuals give the first weights.
     void first_step()
     {
