@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """CAN logs of every format as arrays, whole and damaged; LCM logs up to their first damage."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import can
@@ -12,6 +14,7 @@ from inertiad.base.error import InputError
 from inertiad.run import canlog, lcmlog
 from inertiad_lcm import can_frame_t, raw_t
 
+DBC = Path(__file__).parents[2] / "firmware/robots/cogiro/platform.dbc"
 LINES = """\
 (0000000001.000119) can1 010#0011223344556677
 (0000000001.000250) can0 12345678#F802
@@ -67,6 +70,27 @@ def test_formats_of_other_tools(tmp_path: Path, ending: str):
     assert log.can_id.tolist() == [m.arbitration_id for m in messages()]
     assert [bytes(d) for d in log.data] == [bytes(m.data) for m in messages()]
     assert np.diff(log.t_ns) == pytest.approx(1e6, abs=2e3)
+
+
+IN_A_PROCESS_OF_ITS_OWN = """
+import sys
+from pathlib import Path
+from inertiad.robot import dbc
+from inertiad.run import canlog
+dbc.load([Path(sys.argv[1])])
+print("pandas" in sys.modules, len(canlog.read(Path(sys.argv[2]))))
+"""
+
+
+def test_a_dbc_does_not_wait_for_mf4_which_is_read_afterwards(tmp_path: Path):
+    path = tmp_path / "can.mf4"
+    with can.Logger(path) as writer:
+        for message in messages():
+            writer(message)
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_PROCESS_OF_ITS_OWN, str(DBC), str(path)], capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("False 20\n", "")
 
 
 def raw_message(k: int) -> raw_t:

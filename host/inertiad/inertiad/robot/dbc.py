@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from inertiad.base import quantity, units
+from inertiad.base import python_can, quantity, units
 from inertiad.base.error import InputError
 from inertiad.robot.description import Robot
 from inertiad.robot.keys import Bound, Scaled
@@ -62,20 +63,24 @@ class BusDatabase:
     messages: tuple[tuple[Message, str], ...]
 
 
+def _cantools_database() -> Any:
+    """cantools.database, which needs python-can in its package's first lines."""
+    python_can.load()
+    return importlib.import_module("cantools.database")
+
+
 def load(paths: Iterable[Path]) -> BusDatabase:
     """Read the DBC files of one bus. InputError names the file and, where the parser knows it, the line."""
-    from cantools.database import load_file
-    from cantools.database.can import Database
-
+    cantools = _cantools_database()
     messages: list[tuple[Message, str]] = []
     for path in paths:
         try:
-            database = load_file(path, database_format="dbc", strict=True)
+            database = cantools.load_file(path, database_format="dbc", strict=True)
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}") from None
         except Exception as error:  # the parser raises several unrelated types
             raise InputError(f"{path}: not a usable DBC: {' '.join(str(error).split())}") from None
-        assert isinstance(database, Database)
+        assert isinstance(database, cantools.can.Database)
         messages += [(message, path.name) for message in database.messages]
     return BusDatabase(tuple(messages))
 
@@ -196,10 +201,8 @@ def bind(robot: Robot, source: str) -> list[Binding]:
     if robot.bus:
         buses, signals = [load(bus.files) for bus in robot.bus], robot.signals
     else:
-        from cantools.database.can import Database
-
         text, signals = generate(robot)
-        generated = Database()
+        generated = _cantools_database().can.Database()
         generated.add_dbc_string(text)
         buses = [BusDatabase(tuple((message, GENERATED_NAME) for message in generated.messages))]
     bindings, wrong = [], list[str]()

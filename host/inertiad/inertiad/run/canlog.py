@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
+from inertiad.base import python_can
 from inertiad.base.channels import DEFAULT_PREFIX
 from inertiad.base.error import InputError
 
@@ -126,13 +127,12 @@ def _until_damage(messages: Iterable[Any], remarks: list[str], path: Path) -> It
 
 
 def _read_other(path: Path) -> CanLog:
-    import can
-
+    can = python_can.load()
     remarks: list[str] = []
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with can.LogReader(path) as reader:
+            with python_can.mf4_reader(path) if path.suffix.lower() == ".mf4" else can.LogReader(path) as reader:
                 rows = list(_until_damage(reader, remarks, path))
     except OSError:
         raise
