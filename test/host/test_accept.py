@@ -26,7 +26,7 @@ QUICK = {
 }
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", [pytest.param("T2", marks=pytest.mark.slow), *list(QUICK)[1:]])
 def test_quick_line_holds(name: str) -> None:
     result = QUICK[name]()
     verdicts = result if isinstance(result, list) else [result]

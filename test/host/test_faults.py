@@ -19,6 +19,8 @@ import scenarios  # noqa: E402
 OF_FRAMES = [s for s in scenarios.SCENARIOS if not s.actions and not s.options]
 START = 100.0  # s
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -57,7 +57,7 @@ def undamaged(path: Path) -> bytes:
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("kind", ["record", "written"])
+@pytest.mark.parametrize("kind", [pytest.param("record", marks=pytest.mark.slow), "written"])
 def test_every_flipped_bit_is_found(kind, request, tmp_path):
     path = request.getfixturevalue(kind)
     data, events = undamaged(path), read(path)[0]
@@ -106,6 +106,7 @@ def test_other_programs_read_every_message(record):
     ]
 
 
+@pytest.mark.slow
 def test_the_commands_name_the_damage(record, tmp_path, inertiactl):
     shutil.copytree(record.parent, tmp_path / "run")
     log = tmp_path / "run/run.lcmlog"

@@ -35,12 +35,14 @@ def test_old_estimate_becomes_the_present_one_with_names():
         estimate_message.decode(bytes(8) + events[-1].data[8:])
 
 
+@pytest.mark.slow
 def test_fit_reads_it(run, inertiactl):
     done = inertiactl("fit", run / "run.lcmlog")
     assert done.returncode == 0, done.stderr
     assert "159.5" in done.stdout
 
 
+@pytest.mark.slow
 def test_report_reads_it(run, inertiactl):
     (run / "can.log").unlink()
     done = inertiactl("report", run)
@@ -48,6 +50,7 @@ def test_report_reads_it(run, inertiactl):
     assert (run / "report.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_verify_reads_the_configuration_from_it(run, inertiactl):
     done = inertiactl("verify", run)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -10,6 +10,8 @@ from conftest import COGIRO, ISOLATED, TOP
 
 DAEMON = TOP / "build/bin/inertiad"
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def trap(tmp_path_factory) -> Path:

@@ -126,6 +126,7 @@ def test_sync_finds_delays_edges_clock_and_cost(run, tmp_path):
     assert configured["cog"] > 5.0 * tracker["cog"] > 0.0 and force["cog"] > 0.0
 
 
+@pytest.mark.slow
 def test_sync_json_is_taken_in_by_robot_toml(run, tmp_path):
     robot = tmp_path / "robot.toml"
     said = {"position_delay": 0.012, "force_delay": -0.001, "std": {"position_delay": 2e-4, "force_delay": 3e-4}}
@@ -143,6 +144,7 @@ def test_sync_json_is_taken_in_by_robot_toml(run, tmp_path):
     assert "sync.json: no calibration in it: allowed: a file that inertiactl sync wrote" in result.stderr
 
 
+@pytest.mark.slow
 def test_second_sync_with_the_first_in_place_finds_the_same_total(run, tmp_path):
     robot = description.load(run / "robot.toml")
     position = time_delay.Delay(0.004, 1e-4, NOISE, 1000, 1)
@@ -151,6 +153,7 @@ def test_second_sync_with_the_first_in_place_finds_the_same_total(run, tmp_path)
     assert moved.calibration.position_delay == 0.004 and moved.calibration.std.force_delay == 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["can.log", "tracker.csv"])
 def test_run_without_a_source_is_one_line(run, tmp_path, name):
     for other in {"robot.toml", "platform.dbc", "can.log", "tracker.csv"} - {name}:

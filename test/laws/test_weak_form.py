@@ -4,6 +4,7 @@
 from functools import cache
 
 import numpy as np
+import pytest
 from motion import NOMINAL, Motion, theta_of
 from robots import checked, cogiro
 
@@ -75,6 +76,7 @@ def test_ideal_data_give_the_inertia_at_any_rate(measured):
     assert max(error.values()) < 1e-3
 
 
+@pytest.mark.slow
 def test_noisy_data_give_the_inertia_as_well_at_any_rate(measured):
     error = {rate: rms(weak_error(*recorded(k, rate, GYRO_NOISE)) for k in range(8)) for rate in RATES}
     measured("weak form, gyro noise: rms error of J " + ", ".join(f"{e:.4f} at {r} Hz" for r, e in error.items()))
