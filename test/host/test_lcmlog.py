@@ -87,6 +87,17 @@ def test_a_log_cut_off_is_read_up_to_there(written, tmp_path):
     assert len(events) == 500_000 // (28 + 16 + 600) and "cut off" in remarks[0]
 
 
+def test_a_log_without_its_last_checksum_says_how_many_messages_it_covers(written, tmp_path):
+    data = undamaged(written)
+    begins = [k for k in range(len(data)) if data.startswith(b"INERTIAD_CHECK", k)]
+    end = begins[-1] - lcmlog.HEAD.size
+    (tmp_path / "cut.lcmlog").write_bytes(data[:end])
+    events, remarks = read(tmp_path / "cut.lcmlog")
+    n_last = data[begins[-2] : end].count(b"INERTIAD_TRACKER")
+    assert len(events) == 1000 and 0 < n_last < 1000
+    assert remarks == [f"{tmp_path}/cut.lcmlog: cut off: the last {n_last} of 1000 messages have no checksum"]
+
+
 def test_logs_without_checksums_or_copied_are_read_as_they_are(written, tmp_path):
     """As earlier versions and lcm-logger write them; the latter with the checksums of another log in it."""
     for name, with_checks in (("plain", False), ("copied", True)):

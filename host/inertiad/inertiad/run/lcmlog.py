@@ -131,7 +131,8 @@ class _Reader:
             block = _Block(file.tell())
         yield from self._release(block, True, at)
         if block.events and self._is_checked:
-            self._remark(f"cut off: the last {len(block.events)} messages have no checksum")
+            last = f"the last {len(block.events)} of {self._n} messages have no checksum"
+            self._remarks.append(f"{self.path}: cut off: {last}")
 
 
 def read(path: Path, remarks: list[str] | None = None) -> Iterator[Event]:
