@@ -26,6 +26,11 @@ def lengths(n_cables: int) -> tuple[str, ...]:
     return tuple(f"l_{i + 1}" for i in range(n_cables))
 
 
+def measured_lengths(n_cables: int) -> tuple[str, ...]:
+    """Names of the cables' measured lengths, attachment to anchor with the arc on the pulley: length_1 .. length_m."""
+    return tuple(f"length_{i + 1}" for i in range(n_cables))
+
+
 def forces(n_cables: int) -> tuple[str, ...]:
     """Names of the cable forces: f_1 .. f_m."""
     return tuple(f"f_{i + 1}" for i in range(n_cables))

@@ -111,6 +111,10 @@ def verify(options: Options, progress: Callable[[str], None]) -> list[Check]:
     is_blind = input_checks.is_blind(options.run, options.config, data, blind_data)
     if is_blind:
         robot, data = blind_robot, blind_data
+    if not (options.run / "can.log").exists() and (options.run / "signals.csv").exists():
+        raise InputError(
+            f"{options.run}: no can.log to run the daemon on; inertiactl encode makes a run folder from signals.csv"
+        )
     log = canlog.read(options.run / "can.log")
     with tempfile.TemporaryDirectory(prefix="inertiad-") as name:
         setup = _setup(options, robot, data, Path(name))

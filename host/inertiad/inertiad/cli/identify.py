@@ -154,7 +154,9 @@ def calibrate(
 
 @commands.command(epilog="Example: inertiactl sync run")
 def sync(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder with robot.toml, can.log, tracker.csv.")],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Run folder: robot.toml, can.log or signals.csv, tracker.csv.")
+    ],
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN; -: stdout.")
     ] = None,

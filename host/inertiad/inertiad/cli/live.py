@@ -42,7 +42,8 @@ def live(
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0: any free one.")] = 8765,
     run: Annotated[
-        Path | None, typer.Option("--run", metavar="RUN", help="Play this run's run.lcmlog instead of the network, in real time.")
+        Path | None,
+        typer.Option("--run", metavar="RUN", help="Play this run's run.lcmlog instead of the network, in real time."),
     ] = None,
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="ROBOT", help="Robot description, for its nominal body.")

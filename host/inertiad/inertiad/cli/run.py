@@ -77,6 +77,7 @@ def encode(
     """Convert recorded signals into a run folder with a CAN log that the daemon and other tools read.
 
     Columns of SIGNALS: s, m/s2 (specific force), rad/s, unit quaternion body to world (or roll,pitch,yaw in rad), N.
+    Without --tracker, positions follow from length_1,..,length_m [m], attachment to anchor, there or in lengths.csv.
     """
     from inertiad.robot import description
     from inertiad.run import encode as encoder

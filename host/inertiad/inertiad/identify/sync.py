@@ -94,9 +94,11 @@ class Sync:
 def _imu(robot: Robot, run: Path) -> tuple[time_delay.Imu, float]:
     """IMU samples as the daemon aligns them, no position needed, from 0 s on; and the host time of the first."""
     fixed = robot.model_copy(update={"position": Position(source="fixed", fixed=[0.0, 0.0, 0.0])})
-    rows = inertiad_core.rows_of(reader.play(run, fixed, str(run / "robot.toml"), None))
+    rows = reader.read_as(run, fixed).rows
+    if rows.derives_force or rows.derives_rate:
+        raise InputError(f"{run}: no accelerometer or no gyro in it; the tracker's delay is measured against both")
     if len(rows) < 2:
-        raise InputError(f"{run}: no IMU samples with forces beside them in its CAN log")
+        raise InputError(f"{run}: only one IMU sample with forces beside it; use a run that moves")
     t0 = float(rows.t[0])
     acc = rows.acc - np.array(robot.calibration.acc_bias)
     gyro = rows.gyro - np.array(robot.calibration.gyro_bias)
@@ -141,16 +143,11 @@ def _with_delays(robot: Robot, position: Delay, force: tuple[float, float]) -> R
     return robot.model_copy(update={"calibration": robot.calibration.model_copy(update={**keys, "std": std})})
 
 
-def _recording(robot: Robot, run: Path) -> reader.Recording:
-    rows = inertiad_core.rows_of(reader.play(run, robot, str(run / "robot.toml"), run / "tracker.csv"))
-    return reader.Recording(run, robot, rows, 0, 0, {})
-
-
 def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float]:
     """Total delay of the forces and its sigma, s, by the joint fit."""
     configured = configuration.delays(robot)["force"]
     known = _with_delays(robot, position, (configured, FORCE_DELAY_STD))
-    result = fit.joint(reader.config_of(known, str(run)), [_recording(known, run)])
+    result = fit.joint(reader.config_of(known, str(run)), [reader.read_as(run, known)])
     assert result.xi is not None and result.xi_std is not None
     at = systematic.group("force_delay", robot.n_cables).first
     return configured + float(result.xi[at]), float(result.xi_std[at])
@@ -169,7 +166,7 @@ def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Arr
 
 def _costs(robot: Robot, run: Path, position: Delay, force: tuple[float, float]) -> Iterator[Cost]:
     aligned = _with_delays(robot, position, force)
-    config, recording = reader.config_of(aligned, str(run)), _recording(aligned, run)
+    config, recording = reader.config_of(aligned, str(run)), reader.read_as(run, aligned)
     best = _body(config, recording, (0.0, 0.0))
     configured = configuration.delays(robot)
     was, was_force = configured["position"] - position.value, configured["force"] - force[0]
@@ -215,16 +212,20 @@ def edges(robot: Robot, log: CanLog) -> list[Edges]:
 
 
 def sync(run: Path, progress: Callable[[str], None]) -> Sync:
-    """Look at a run folder with robot.toml, can.log and tracker.csv. InputError: something is missing or unusable."""
+    """Look at a run folder with robot.toml, can.log or signals.csv, and tracker.csv. InputError: something is missing
+    or unusable."""
     robot = description.load(run / "robot.toml")
-    for name in ("can.log", "tracker.csv"):
+    needed = ("can.log" if not (run / "signals.csv").exists() else "signals.csv", "tracker.csv")
+    for name in needed:
         if not (run / name).exists():
-            raise InputError(f"{run / name}: not found; pass a run folder with robot.toml, can.log and tracker.csv")
+            raise InputError(
+                f"{run / name}: not found; pass a run folder with robot.toml, can.log or signals.csv, and tracker.csv"
+            )
     progress("estimate the delays")
     position, force = delays(robot, run)
     progress("compute the cost of wrong delays")
     costs = list(_costs(robot, run, position, force))
-    triggers = edges(robot, canlog.read(run / "can.log"))
+    triggers = edges(robot, canlog.read(run / "can.log")) if (run / "can.log").exists() else []
     return Sync(run, robot, position, force, triggers, *host_info.clock_in_words(run), costs)
 
 

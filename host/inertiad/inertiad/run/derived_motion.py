@@ -90,6 +90,11 @@ def _axes(robot: Robot) -> _Axes:
     return _Axes(R_PI, R_PI.inv() * Rotation.from_rotvec(calibration.attitude_bias), yaw)
 
 
+def platform_attitude(robot: Robot, signals: Table) -> Rotation:
+    """The N rotations P to W at the signals' quaternions, by the calibration."""
+    return _axes(robot).to_world(signals.stack(*quantity.QUATERNION))
+
+
 def attitude_from_poses(robot: Robot, tracker: Table, t: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Quaternions I to W [K, 4] at those of the times t [N] that lie between two poses of a tracker; which these are.
 
@@ -113,7 +118,7 @@ def _imu_path(robot: Robot, signals: Table, positions: Table) -> tuple[Array, Ar
     t = positions.t - delay["position"] + delay["imu"]
     inside = (t >= signals.t[0]) & (t <= signals.t[-1])
     t, x = t[inside], positions.stack("x", "y", "z")[inside]
-    R = Slerp(signals.t, _axes(robot).to_world(signals.stack(*quantity.QUATERNION)))
+    R = Slerp(signals.t, platform_attitude(robot, signals))
     lever = np.array(robot.imu.position) - np.array(robot.tracker.target)
     return t, x + R(t).apply(lever)
 

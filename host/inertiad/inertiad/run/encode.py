@@ -20,7 +20,7 @@ from inertiad.base.table import Array, Table
 from inertiad.robot import dbc
 from inertiad.robot.dbc import Binding
 from inertiad.robot.description import Robot, read_data
-from inertiad.run import signals_csv, tracker_csv
+from inertiad.run import cable_lengths, signals_csv, tracker_csv
 from inertiad.run.folder import open_run, write_robot
 
 if TYPE_CHECKING:
@@ -211,9 +211,13 @@ def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Pat
     signals = signals_csv.read(signals_file, robot)
     tracker = tracker_csv.read(tracker_file) if tracker_file else None
     if tracker is None and robot.position.source == "tracker":
-        raise InputError(
-            f'{robot_file}: position.source = "tracker"; pass --tracker FILE, or set source to "fixed" or "can"'
-        )
+        lengths = cable_lengths.find(signals, signals_file, robot)
+        if lengths is None:
+            raise InputError(
+                f'{robot_file}: position.source = "tracker"; pass --tracker FILE, give columns '
+                f'length_1 .. length_{robot.n_cables}, or set source to "fixed" or "can"'
+            )
+        tracker = cable_lengths.positions(robot, str(robot_file), signals, lengths).positions
     frames = pack(bindings, signals, signals.t)
     open_run(folder)
     write_robot(folder, robot, read_data(robot_file), bitrate=0.0)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded runs -> aligned rows, through the same C stages as the daemon.
 
-A run is a folder with robot.toml, can.log and tracker.csv; a signals CSV (with pos_x,pos_y,pos_z, or tracker.csv
-beside it) and a robot description; or an LCM log of the daemon, whose rows are taken as they were published. What a
-CSV lacks, rates or specific force, is derived from the other columns; see derived_motion.py.
+A run is a folder with robot.toml, can.log and tracker.csv; a signals CSV (with pos_x,pos_y,pos_z, or tracker.csv or
+the cables' lengths beside it) and a robot description; or an LCM log of the daemon, whose rows are taken as they were
+published. What a CSV lacks, position, rates or specific force, is derived from the other columns; see cable_lengths.py
+and derived_motion.py.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
 from inertiad.robot import configuration, description
 from inertiad.robot.description import Robot
-from inertiad.run import derived_motion, lcmlog, signals_csv, tracker_csv
+from inertiad.run import cable_lengths, derived_motion, lcmlog, signals_csv, tracker_csv
 from inertiad.run.lcmlog import Event
 from inertiad_lcm import health_t, signals_t
 
@@ -143,19 +144,29 @@ def _read_lcm(log: Path, robot: Robot) -> Recording:
     return Recording(log, robot, rows, n_frames, n_rejected(counters), counters, damage)
 
 
-def _positions(signals: Table, file: Path, robot: Robot) -> Table:
-    """Tracked positions over time, from the signals' own columns, tracker.csv beside them, or the fixed position."""
+def _positions(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[str, ...]]:
+    """Tracked positions over time, and a note on them where they are derived.
+
+    From the signals' own columns, the fixed position, tracker.csv beside the signals, or the cables' lengths.
+    """
     if all(name in signals.columns for name in quantity.POSITION):
         xyz = dict(zip(("x", "y", "z"), signals.stack(*quantity.POSITION).T, strict=True))
-        return Table(signals.t, xyz, signals.name)
+        return Table(signals.t, xyz, signals.name), ()
     if robot.position.source == "fixed" and robot.position.fixed is not None:
         return Table(
             signals.t, {a: np.full(len(signals.t), v) for a, v in zip("xyz", robot.position.fixed, strict=True)}, ""
-        )
+        ), ()
     beside = file.with_name("tracker.csv")
-    if not beside.exists():
-        raise InputError(f"{file}: line 1: no column pos_x, and no tracker.csv beside it")
-    return tracker_csv.read(beside)
+    if beside.exists():
+        return tracker_csv.read(beside), ()
+    lengths = cable_lengths.find(signals, file, robot)
+    if lengths is None:
+        raise InputError(
+            f"{file}: line 1: no column pos_x, no tracker.csv beside it, and no length_1 .. length_{robot.n_cables}"
+        )
+    found = cable_lengths.positions(robot, str(file), signals, lengths)
+    rest = f", which agree to {1e3 * found.residual:.2g} mm rms" if robot.n_cables > 3 else ""
+    return found.positions, (f"positions from attitude and cable lengths{rest}",)
 
 
 def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[str, ...]]:
@@ -197,10 +208,10 @@ def _read_signals(file: Path, robot: Robot) -> Recording:
         if name not in signals.columns:
             wanted = "roll,pitch,yaw or q_w,q_x,q_y,q_z" if name == quantity.QUATERNION[0] else name
             raise InputError(f"{file}: line 1: no column {wanted}")
-    positions = _positions(signals, file, robot)
+    positions, located = _positions(signals, file, robot)
     whole = derived_motion.completed(robot, signals, positions)
     rows = aligned(whole, str(file))
-    return Recording(file, whole.robot, rows, 0, len(whole.signals.t) - len(rows), {}, borrowed + whole.notes)
+    return Recording(file, whole.robot, rows, 0, len(whole.signals.t) - len(rows), {}, borrowed + located + whole.notes)
 
 
 def _nanoseconds(t: Array, source: str) -> Any:
@@ -231,13 +242,14 @@ def read(path: Path, robot_file: Path | None = None) -> Recording:
 def read_as(path: Path, robot: Robot) -> Recording:
     """A run folder, a signals CSV or an LCM log. InputError: a file is missing or unusable, or nothing in it lines up.
 
-    A folder without can.log is read from the run.lcmlog in it.
+    A folder without can.log is read from the run.lcmlog in it, or else from its signals.csv.
     """
-    log = path / "run.lcmlog" if path.is_dir() and not (path / "can.log").exists() else path
-    if log.suffix == ".lcmlog" and log.exists():
-        run = _read_lcm(log, robot)
+    others = () if not path.is_dir() or (path / "can.log").exists() else (path / "run.lcmlog", path / "signals.csv")
+    file = next((other for other in others if other.exists()), path)
+    if file.is_dir():
+        run = _read_folder(file, robot)
     else:
-        run = _read_folder(path, robot) if path.is_dir() else _read_signals(path, robot)
+        run = _read_lcm(file, robot) if file.suffix == ".lcmlog" and file.exists() else _read_signals(file, robot)
     if len(run.rows) == 0:
         lost = ", ".join(
             f"{k} {v}" for k, v in run.counters.items() if v and k.split(".")[0] in ("decode", "group", "align")

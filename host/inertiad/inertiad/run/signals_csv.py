@@ -16,7 +16,7 @@ from inertiad.robot.description import Robot
 def columns(robot: Robot) -> list[str]:
     """Column names a signals CSV may have for this robot."""
     sensors = quantity.ACC + quantity.GYRO + quantity.QUATERNION + quantity.RPY + quantity.POSITION
-    return ["t", *sensors, *quantity.forces(robot.n_cables)]
+    return ["t", *sensors, *quantity.forces(robot.n_cables), *quantity.measured_lengths(robot.n_cables)]
 
 
 def with_attitude(signals: Table) -> Table:
@@ -44,5 +44,8 @@ def read(path: Path, robot: Robot) -> Table:
         raise InputError(f"{path}: t = {signals.t[0]:g} s: allowed: 0 and later")
     for name in (*dbc.required(robot), *robot.signals):
         if name not in signals.columns and name not in quantity.COUNTER + quantity.TIME:
-            raise InputError(f"{path}: line 1: no column {name}, which the robot's CAN signals need")
+            what = f"{path}: line 1: no column {name}, which the robot's CAN signals need"
+            if name in quantity.ACC + quantity.GYRO:
+                what += f"; the daemon takes no run without accelerometer and gyro, inertiactl fit {path} does"
+            raise InputError(what)
     return signals
