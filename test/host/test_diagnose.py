@@ -90,6 +90,16 @@ def test_a_saturated_sensor_is_named(good: Recording) -> None:
     assert "force sensor 5 is saturated" in _findings(_with(good, f=f))
 
 
+@pytest.mark.parametrize("std", [0.02, 0.5])
+def test_a_tension_held_at_its_least_is_not_saturated(good: Recording, std: float) -> None:
+    """By a controller: the noise of the sensor, N, is small against the range of 300 N or more, but not nothing."""
+    f, held = good.rows.f.copy(), np.quantile(good.rows.f[:, 4], 0.3)
+    below = f[:, 4] < held
+    f[below, 4] = held + np.random.default_rng(1).normal(0.0, std, below.sum())
+    assert f[:, 4].max() - held > 300.0
+    assert "saturated" not in _findings(_with(good, f=f))
+
+
 def _with_cable(run: Recording, i: int, **update: object) -> Recording:
     cables = [c.model_copy(update=update) if k == i else c for k, c in enumerate(run.robot.cable)]
     return replace(run, robot=run.robot.model_copy(update={"cable": cables}))

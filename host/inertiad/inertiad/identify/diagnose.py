@@ -5,9 +5,11 @@ Signals alone show some: nothing moves, a cable is slack, a sensor saturates, gr
 in mm. Where they show none, mistake_fit.py fits every mistake of its table to the runs.
 """
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import inertiad_core
@@ -26,6 +28,8 @@ STUCK_BAND: Final = 1e-4
 """of a channel's range: values this close to each other are one"""
 NEAR_END: Final = 0.05
 """of a channel's range: where a saturated sensor's values pile up"""
+QUIET: Final = 0.3
+"""times the channel's second differences elsewhere: at an end of the range they are 0 but for the last bit"""
 MOVING: Final = 0.02
 """rad/s"""
 SLACK_SHARE: Final = 0.01
@@ -153,22 +157,28 @@ def _slack(robot: Robot, run: Recording) -> list[str]:
     return found if len(found) < robot.n_cables else []
 
 
-def _pile(x: Array) -> tuple[float, float]:
-    """The value near either end of a channel's range where most samples are, and their share."""
+def _piles(x: Array, moving: NDArray[np.bool_]) -> Iterator[tuple[float, float, bool]]:
+    """Value, share of the samples, and whether it is the lower end: piles near the ends of a channel's range.
+
+    At the end of its range a sensor shows no noise. A tension that a controller holds at its limit has as much of it
+    there as elsewhere.
+    """
+    bend = np.abs(np.diff(x, 2, prepend=x[:1], append=x[-1:]))[moving]
+    x = x[moving]
     band = STUCK_BAND * float(x.max() - x.min())
-    best = (0.0, 0.0)
-    for end in (x.max(), x.min()):
-        near = np.rint(x[np.abs(x - end) <= NEAR_END * float(x.max() - x.min())] / band)
-        values, counts = np.unique(near, return_counts=True)
-        share = float(counts.max()) / len(x)
-        best = max(best, (share, float(band * values[counts.argmax()])))
-    return best[1], best[0]
+    for end, is_low in ((x.max(), False), (x.min(), True)):
+        is_near = np.abs(x - end) <= NEAR_END * float(x.max() - x.min())
+        values, counts = np.unique(np.rint(x[is_near] / band), return_counts=True)
+        value = float(band * values[counts.argmax()])
+        pile = np.abs(x - value) <= band
+        if not pile.all() and np.median(bend[pile]) < QUIET * np.median(bend[~pile]):
+            yield value, float(pile.mean()), is_low
 
 
 def _saturated(robot: Robot, run: Recording) -> list[str]:
-    """A channel whose values pile up near the end of its own range while the platform moves, or that never changes.
+    """A channel whose values pile up at the end of its own range while the platform moves, or that never changes.
 
-    A slack cable's pile is its own.
+    A slack cable's pile is its own, and one at the lower end of a cable that has a least tension is the controller's.
     """
     rows, found = run.rows, []
     channels = [(f"force sensor {i + 1}", rows.f[:, i], c.tension_min) for i, c in enumerate(robot.cable)]
@@ -182,11 +192,11 @@ def _saturated(robot: Robot, run: Recording) -> list[str]:
             if name.startswith("force"):
                 found.append(f"{run.path}: {name} is stuck at {x[0]:.6g}")
         elif x[moving].max() > x[moving].min():
-            value, share = _pile(x[moving])
-            if share > STUCK_SHARE and not 0.0 <= value < SLACK * tension_min:
-                found.append(
-                    f"{run.path}: {name} is saturated at {value:.6g} for {100 * share:.0f} % of the time it moves"
-                )
+            found += [
+                f"{run.path}: {name} is saturated at {value:.6g} for {100 * share:.0f} % of the time it moves"
+                for value, share, is_low in _piles(x, moving)
+                if share > STUCK_SHARE and not (is_low and tension_min > 0.0 <= value)
+            ]
     return found
 
 

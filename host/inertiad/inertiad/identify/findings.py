@@ -213,7 +213,8 @@ def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
 def _forces(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:
     estimates = [fit.of_batch("joint", result, g) for g in range(len(result["body"]))]
     squares = [
-        np.square(fit.validate(config, estimates[g], run).tension_rms) for g, run in zip(group, recordings, strict=True)
+        np.square(fit.validate(config, estimates[g], run).tension_typical)
+        for g, run in zip(group, recordings, strict=True)
     ]
     residual = np.sqrt(np.mean(squares, axis=0))
     tension = float(np.mean([np.abs(run.rows.f).mean() for run in recordings]))

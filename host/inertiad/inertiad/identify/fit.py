@@ -29,6 +29,8 @@ from inertiad.run.reader import Recording
 METHODS: Final = ("joint", "wls", "iv", "paper")
 AT_REST: Final = 0.9
 """of the windows: a run with more of them at rest shows no noise of motion"""
+NORMAL_BY_MEDIAN: Final = 1.4826
+"""standard deviation of normal errors over the median of their sizes"""
 WEAK_PRIOR: Final = 1e4
 """factor on the prior sigmas where there is to be no prior"""
 LAG: Final = 4
@@ -276,6 +278,8 @@ class Validation:
     """of the measured wrench about its mean [6]"""
     tension_rms: Array
     """N [m]: of the smallest change of tensions that would explain the residual"""
+    tension_typical: Array
+    """N [m]: the same by the median, as rms of normal errors: near a singular pose that change has no bound"""
 
 
 def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
@@ -295,7 +299,8 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
     offsets = systematic.group("force_offset", run.robot.n_cables).part
     W = -windows.X(np.zeros(10))[:, :, offsets]
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
-    return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)))
+    typical = NORMAL_BY_MEDIAN * np.median(np.abs(tension), axis=0)
+    return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)), typical)
 
 
 @dataclass(frozen=True)
