@@ -23,6 +23,7 @@
 #define SCALE_STD_MIN 5e-3       // chosen as an uncalibrated MEMS sensor's
 #define SETTLED_TILT 3e-3        // rad: motion is published from here on, chosen as 3 mm at 1 m, and
 #define SETTLED_SCALE 1e-3       // of the scale factors: chosen so that it adds 0.1 % to the mass
+#define SETTLE_TIME 10.0         // s, chosen over the 1 to 3 s that this takes: sensors that need longer tell no more
 #define DECAY_MEMORY 0.4        // s, over which the decay of the attitude's error is averaged: chosen as a usual window
 #define SLOWEST_DECAY 1e-4      // 1/s: chosen so that the correlation time stays finite
 #define GATE 6.0                // sigmas: chosen so that noise is beyond once in 5e8 positions; with it
@@ -494,6 +495,7 @@ static void start(ipe_motion_stage_t* m, const ipe_row_t* row)
     set_error(m);
     ipe_noise_density_restart(&m->noise);
     m->is_running = true;
+    m->settled_ns = m->t_ns;
     m->n_refused_row = 0;
 }
 
@@ -664,8 +666,8 @@ void ipe_motion_target(const ipe_motion_stage_t* m, double x[3])
     vec3_axpy(m->p, 1.0, arm, x);
 }
 
-/// Are tilt, and the scale along the specific force, known well enough for rows to be used?
-static bool is_settled(const ipe_motion_stage_t* m)
+/// Are tilt, and the scale along the specific force, known to so many times what rows ask for?
+static bool is_known(const ipe_motion_stage_t* m, double times)
 {
     const double (*P)[N] = (const double (*)[N])m->spread.P;
     const double s2 = vec3_dot(m->s, m->s);
@@ -674,7 +676,17 @@ static bool is_settled(const ipe_motion_stage_t* m)
     for (int i = 0; i < 3; ++i) {
         for (int j = 0; j < 3; ++j) { variance += share[i] * share[j] * P[BETA + i][BETA + j]; }
     }
-    return fmax(P[PHI][PHI], P[PHI + 1][PHI + 1]) < square(SETTLED_TILT) && variance < square(SETTLED_SCALE);
+    return fmax(P[PHI][PHI], P[PHI + 1][PHI + 1]) < square(times * SETTLED_TILT) &&
+           variance < square(times * SETTLED_SCALE);
+}
+
+/// May rows be used? After SETTLE_TIME less and less is asked for, lest a platform that vibrates has no estimate: the filter
+/// counts the error that is left.
+static bool is_settled(ipe_motion_stage_t* m)
+{
+    if (is_known(m, 1.0)) { m->settled_ns = m->t_ns; }
+    const double waited = 1e-9 * (double)(m->t_ns - m->settled_ns);
+    return is_known(m, fmax(1.0, waited / SETTLE_TIME));
 }
 
 static bool is_carried(const ipe_motion_stage_t* m)

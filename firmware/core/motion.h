@@ -73,6 +73,7 @@ typedef struct {
     int64_t t_ns;                              ///< of the last row
     int64_t seen_ns;                           ///< of the last row with a position
     int64_t epoch_ns;                          ///< begin of the epoch
+    int64_t settled_ns;                        ///< of the last row with tilt and scale known, or of the first
     double p[3], v[3], R[3][3], b[3], beta[3], kappa[3];
     ipe_motion_spread_t spread;                ///< at the epoch's begin
     double position_variance;                  ///< of one tracker sample, learnt from innovations, m2
