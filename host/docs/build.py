@@ -58,7 +58,7 @@ def _pictures(pages: Path, runs: Path) -> None:
     for picture in (runs / "bench/figures").glob("*.png"):
         shutil.copy(picture, pages / "figures")
     (pages / "made").mkdir()
-    for name in ("bench/report.html", "robot/robot.html"):
+    for name in ("bench/report.html", "robot/robot.html", "recordings/sync.html"):
         shutil.copy(runs / name, pages / "made")
 
 

@@ -17,6 +17,9 @@ from inertiad.base.error import InputError
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot description, robot.toml.")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; -: stdout.")]
 RunFolder = Annotated[Path, typer.Option("-o", "--output", metavar="RUN", help="Run folder to write.")]
+Picture = Annotated[
+    Path | None, typer.Option("--picture", metavar="FILE", help="Draw the result, .html or .png; -: a page to stdout.")
+]
 Url = Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")]
 Prefix = Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")]
 
