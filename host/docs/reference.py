@@ -63,7 +63,7 @@ def code(text: str) -> str:
 
 
 def _parameters(command: Any) -> Iterator[str]:
-    yield "| | | |\n|---|---|---|"
+    yield "| argument or option | meaning | default |\n|---|---|---|"
     for parameter in command.params:
         if parameter.name == "help":
             continue
@@ -220,7 +220,7 @@ def counter_page(firmware: Path) -> str:
         ("Pipeline", _pipeline_counters(firmware / "core")),
         ("Buses, network, files", _daemon_counters(firmware / "io")),
     ):
-        lines += [f"## {title}", "", "| counter | meaning | |", "|---|---|---|"]
+        lines += [f"## {title}", "", "| counter | meaning | what it tells |", "|---|---|---|"]
         lines += [
             f"| `{name}` | {cell(PLAINER.get(name, meaning))} | {_flags(name)} |"
             for name, meaning in dict(found).items()

@@ -38,7 +38,9 @@ class Follower:
         estimate = estimate_t.decode(data)
         if estimate.verdict == estimate_t.STOP:
             print("not used: verdict stop")
-        elif not all(estimate.observable) or estimate.mass_std > MASS_STD_MAX * estimate.mass:
+        elif not all(estimate.observable):
+            print(f"not used: {estimate.observable.count(False)} of ten parameters not observable yet")
+        elif estimate.mass_std > MASS_STD_MAX * estimate.mass:
             print(f"not used: too vague, mass {estimate.mass:.1f} ± {estimate.mass_std:.1f} kg")
         else:
             self.n_used += 1

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from inertiad.cli.options import (
+    Figures,
     Picture,
     RobotFile,
     command_line,
@@ -85,9 +86,7 @@ def report(
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN; -: stdout."),
     ] = None,
-    figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
-    ] = None,
+    figures: Figures = None,
 ) -> None:
     """Write a page on runs of one body: verdict, result, limiting errors, next step. Opens without a network."""
     from inertiad.report import document
@@ -110,9 +109,7 @@ def paper(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write; -: stdout.")] = Path(
         "paper.html"
     ),
-    figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
-    ] = None,
+    figures: Figures = None,
 ) -> None:
     """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with the joint fit on the same data."""
     from inertiad.check import paper_experiment
