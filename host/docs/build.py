@@ -73,7 +73,7 @@ def _sources(pages: Path) -> None:
 
 
 def build(output: Path) -> None:
-    """Write the site. sessions.SessionError: a command of a page failed."""
+    """Write the site. sessions.SessionError: a command of a page failed; what it left is in OUTPUT-work."""
     work = output.with_name(f"{output.name}-work")
     shutil.rmtree(work, ignore_errors=True)
     pages, runs = work / "pages", work / "runs"
@@ -89,6 +89,7 @@ def build(output: Path) -> None:
     print("  render", flush=True)
     command = [sys.executable, "-m", "mkdocs", "build", "-q", "-f", work / "mkdocs.yml"]
     subprocess.run(command, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
+    shutil.rmtree(work)
 
 
 if __name__ == "__main__":
