@@ -58,7 +58,7 @@ setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
 .venv/%.stamp: host/inertiad/pyproject.toml tools/setup
 	$(Q)tools/setup $*
 	@touch $@
-.venv/test.stamp .venv/lint.stamp .venv/accept.stamp: .venv/run.stamp
+.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp: .venv/run.stamp
 
 build/unity/unity.c:
 	$(call say,fetch Unity)tools/unity $(@D)
@@ -116,18 +116,22 @@ $(B)/python/%.so: $(B)/obj/host/eigen/python/%.o $(B)/obj/nanobind.o $(B)/lib/li
 demo: build
 	$(Q)$(PY) tools/demo.py
 
+## Build the documentation as a site in build/docs/; runs the commands of its pages (about 2 min)
+docs: .venv/docs.stamp build
+	$(Q)$(PY) host/docs/build.py
+
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
 TESTED := build unit-programs accept-programs
 PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(shell nproc))
 
 ## Run every test; ends with one line: N passed, N failed, N skipped
-test: .venv/test.stamp
+test: .venv/test.stamp .venv/docs.stamp
 	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED) micro vcan-runs asan-programs
 	@$(PY) tools/test unit laws host vcan asan
 
 ## Run the quick tests: unit, laws, and those of the host that are not marked slow
-test-quick: .venv/test.stamp
+test-quick: .venv/test.stamp .venv/docs.stamp
 	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED)
 	@$(PY) tools/test --quick unit laws host
 
@@ -144,7 +148,7 @@ test-laws: .venv/test.stamp build unit-programs
 	@$(PY) tools/test laws
 
 ## Test the Python package, the C++ layer and the programs end to end (pytest)
-test-host: .venv/test.stamp build accept-programs
+test-host: .venv/test.stamp .venv/docs.stamp build accept-programs
 	@$(PY) tools/test host
 
 ## Test the daemon on a real vcan, in a guest kernel where this one has no CAN
@@ -266,5 +270,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

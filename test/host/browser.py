@@ -102,6 +102,17 @@ class Browser:
         path.write_bytes(base64.b64decode(printed["data"]))
 
 
+def drawings(page: Path) -> dict[str, Any]:
+    """What a page hands to plotly.js, by figure."""
+    text = (
+        page.read_text(encoding="utf-8")
+        .partition('id="drawings" type="application/json">')[2]
+        .partition("</script>")[0]
+    )
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
 def _address(profile: Path) -> str:
     """DevTools address of the browser's only page."""
     from urllib.request import urlopen

@@ -175,6 +175,20 @@ def test_configuration_on_stdout_is_the_file(tmp_path):
     assert done.stderr == b""
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulate", COGIRO / "robot.toml", "-o", "-"),
+        ("encode", COGIRO / "robot.toml", "signals.csv", "-o", "-"),
+        ("import", "log.csv", "-o", "-"),
+        ("record", "--from", "udp:5999", "-o", "-"),
+        ("report", "run", "--figures", "-"),
+    ],
+)
+def test_a_folder_does_not_go_to_stdout(inertiactl, words):
+    assert "-: allowed: a folder" in one_line_and_2(inertiactl(*words))
+
+
 def test_two_outputs_do_not_share_stdout(inertiactl):
     result = inertiactl("compile", COGIRO / "robot.toml", "-o", "-", "--json", "-")
     assert "stdout takes one output" in one_line_and_2(result)

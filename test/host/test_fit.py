@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import drawings
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -303,9 +304,13 @@ def test_rate_from_attitude_has_the_gyros_sign_and_size() -> None:
 @pytest.mark.slow
 def test_the_command_writes_the_schema_and_names_bad_input(tmp_path: Path, recording: Recording) -> None:
     program = str(TOP / "build/bin/inertiactl")
-    out = tmp_path / "e.json"
-    done = subprocess.run([program, "fit", str(recording.path), "--json", str(out)], capture_output=True, text=True)
+    out, page = tmp_path / "e.json", tmp_path / "fit.html"
+    command = [program, "fit", str(recording.path), "--json", str(out), "--picture", str(page)]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    drawn = drawings(page)
+    assert set(drawn) == {"numbers", "residuals_over_time", "convergence"}
+    assert len(drawn["numbers"]["grid"]["titles"]) == 10 and len(drawn["residuals_over_time"]["data"]) == 8
     assert read(out).value[0] == pytest.approx(scenes.truth(recording.path)[0], rel=0.01)
     assert {"method", "consistent", "observable", "samples", "duration_s", "force_offset"} <= set(
         json.loads(out.read_text())
@@ -313,6 +318,12 @@ def test_the_command_writes_the_schema_and_names_bad_input(tmp_path: Path, recor
     bad = subprocess.run([program, "fit", str(tmp_path), "--method", "magic"], capture_output=True, text=True)
     assert bad.returncode == 2
     assert bad.stderr.count("\n") == 1 and "magic" in bad.stderr
+    bad = subprocess.run([program, "fit", str(tmp_path), "--picture", "fit.jpg"], capture_output=True, text=True)
+    assert bad.returncode == 2
+    assert (
+        bad.stderr
+        == "inertiactl: --picture fit.jpg: allowed: a file that ends with .html or .png; -: a page to stdout\n"
+    )
 
 
 def test_force_noise_does_not_make_the_body_lighter(recording: Recording) -> None:

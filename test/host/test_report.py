@@ -16,7 +16,7 @@ from conftest import COGIRO, TOP
 import inertiad_core
 from inertiad.base import table
 from inertiad.identify import fit
-from inertiad.report import document, figure, interactive, page, printed, report_data, scene, verdict
+from inertiad.report import document, figure, interactive, page, picture, printed, report_data, scene, verdict
 from inertiad.report.report_data import Facts
 from inertiad.run import lcmlog, reader
 
@@ -263,7 +263,10 @@ def test_thinned_line_keeps_every_peak() -> None:
 
 
 def test_drawings_of_every_kind_are_written_as_png_and_pdf(good: Path, tmp_path: Path) -> None:
-    made = {drawing.key: drawing for drawing in page.drawings_of(document.page_of(gathered(good)))}
+    whole = document.page_of(gathered(good))
+    picture.write(tmp_path / "all.png", whole)
+    assert (tmp_path / "all.png").stat().st_size > 500_000
+    made = {drawing.key: drawing for drawing in page.drawings_of(whole)}
     assert len(made) >= 12
     for key in ("platform", "tensions", "limits"):
         printed.write(made[key], tmp_path)

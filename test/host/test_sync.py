@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import drawings
 from conftest import AFTER_IMU, COGIRO, TOP
 from scipy.spatial.transform import Rotation
 
@@ -43,8 +44,17 @@ def positions(t: np.ndarray, late: float, dice: np.random.Generator) -> np.ndarr
 def test_delay_is_found_within_its_bar(late):
     dice = np.random.default_rng(7)
     imu, t = imu_of(np.arange(0.0, 12.0, 0.01), dice), np.arange(0.0, 12.0, 1.0 / 238.0)
-    found = time_delay.estimate(imu, t, positions(t, late, dice), PRIOR, 0.3)
-    assert found is not None
+    solution = time_delay.solve(imu, t, positions(t, late, dice), PRIOR, 0.3)
+    assert solution is not None
+    found = solution.delay
+    others = found.value + found.std * np.array([-8.0, -4.0, -1.0, 0.0, 1.0, 4.0, 8.0])
+    squares = solution.rms(others) ** 2 * solution.stretches[0].x.size / found.tracker_noise**2
+    assert np.argmin(squares) == 3, "the residual is least at the delay found"
+    assert squares[[1, 5]] - squares[3] == pytest.approx(16.0, rel=0.5), (
+        "four sigmas off: 16 more, in units of the noise"
+    )
+    moved = [np.sqrt(np.mean(solution.stretches[0].residual(d) ** 2)) for d in (found.value, found.value + 0.005)]
+    assert moved[0] == pytest.approx(NOISE, rel=0.05) and moved[1] > 1.2 * moved[0]
     assert found.std < 5e-4
     assert found.value == pytest.approx(late, abs=3.0 * found.std)
     assert found.tracker_noise == pytest.approx(NOISE, rel=0.05)
@@ -108,9 +118,13 @@ def run(tmp_path_factory) -> Path:
 
 @pytest.mark.slow
 def test_sync_finds_delays_edges_clock_and_cost(run, tmp_path):
-    result = inertiactl_("sync", run, "--json", tmp_path / "sync.json")
+    picture = tmp_path / "sync.html"
+    result = inertiactl_("sync", run, "--json", tmp_path / "sync.json", "--picture", picture)
     assert result.returncode == 0, result.stderr
     print(result.stdout)
+    assert result.stderr.splitlines()[-1] == f"{picture}: written"
+    drawn = drawings(picture)
+    assert set(drawn) == {"delays", "alignment"} and all(figure["data"] for figure in drawn.values())
     found, truth = (json.loads(p.read_text()) for p in (tmp_path / "sync.json", run / "truth.json"))
     truth["force_delay"] += AFTER_IMU
     for name in ("position_delay", "force_delay"):

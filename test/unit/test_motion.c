@@ -395,6 +395,20 @@ static void test_tilt_must_be_known_first(void)
     TEST_ASSERT_EQUAL_UINT64((uint64_t)t / 5 - 1, stage.n_unsettled);
 }
 
+static void test_platform_that_vibrates_has_a_motion_all_the_same(void)
+{
+    faults.acc_noise = 3.0;  // given: m/s2, with which tilt and scales stay unknown for minutes
+    faults.position_noise = 0.003;
+    start();
+    run(0, 10000);
+    TEST_ASSERT_EQUAL_UINT64(0, stage.n_rows);
+    run(10000, 60000);  // when
+    double v[3];
+    attitude_error(59995, v);
+    TEST_ASSERT_GREATER_THAN_UINT64(5000, stage.n_rows);  // then: half of the rows after that, and
+    ASSERT_BELOW(4.0 * hypot(motion.error.attitude_std[0], motion.error.attitude_std[1]), hypot(v[0], v[1]));  // honest
+}
+
 static void test_time_going_back_changes_nothing(void)
 {
     start();
@@ -479,6 +493,7 @@ int main(void)
     RUN_TEST(test_gap_of_the_imu_keeps_the_tilt);
     RUN_TEST(test_no_position_yet_is_no_motion);
     RUN_TEST(test_tilt_must_be_known_first);
+    RUN_TEST(test_platform_that_vibrates_has_a_motion_all_the_same);
     RUN_TEST(test_time_going_back_changes_nothing);
     RUN_TEST(test_ten_minutes_at_rest);
     RUN_TEST(test_fixed_position_leaves_the_sensors_as_they_are);

@@ -49,7 +49,10 @@ def export_command(
 @commands.command("import", epilog="Example: inertiactl import run.mf4 -o run")
 def import_command(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A file of export, or .csv .mat .mf4 .asc .blf .trc .log of others.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A file of export, or .csv .parquet .mat .mf4 .mcap, ROS bag, CAN log of others."
+        ),
     ],
     output: RunFolder,
     robot: Annotated[
@@ -58,21 +61,26 @@ def import_command(
     mapping: Annotated[
         Path | None, typer.Option("--map", metavar="MAP", help="Channels by quantity, TOML, as import proposes it.")
     ] = None,
+    dbc: Annotated[
+        list[Path] | None,
+        typer.Option("--dbc", metavar="FILE", help="DBC of a CAN log's bus, also several: its signals are channels."),
+    ] = None,
 ) -> None:
     """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them.
 
-    A CSV with other names, units or separators, or with sensors of different rates: its channels are listed, a mapping
+    A file with other names, units or separators, or with sensors of different rates: its channels are listed, a mapping
     to quantities is proposed from names, units and values, used, and written into RUN, to be changed and given back
-    by --map.
+    by --map. Read like this: CSV, Parquet, MATLAB 5 and 7.3, MDF 4, MCAP (JSON, protobuf), ROS bags (the folder of
+    ROS 2), and with --dbc CAN logs (.log .asc .blf .trc .mf4).
     """
     from inertiad.exchange import channels, convert, foreign_import
 
     remarks: list[str] = []
     with progress_shown() as progress:
         progress(f"read {file}")
-        if mapping is not None or convert.is_foreign(file):
+        if mapping is not None or dbc or convert.is_foreign(file):
             chosen = None if mapping is None else channels.read_mapping(mapping)
-            contents = foreign_import.import_mapped(file, output, robot, chosen, remarks)
+            contents = foreign_import.import_mapped(file, output, robot, chosen, remarks, dbc or ())
         else:
             contents = convert.import_file(file, output, robot, remarks)
     for line in (*remarks, *contents):

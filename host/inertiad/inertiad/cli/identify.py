@@ -6,7 +6,19 @@ from typing import Annotated
 
 import typer
 
-from inertiad.cli.options import RobotFile, command_line, progress_shown, say, say_written, teller, written
+from inertiad.cli.options import (
+    Figures,
+    Picture,
+    RobotFile,
+    command_line,
+    is_stdout,
+    only_one_to_stdout,
+    progress_shown,
+    say,
+    say_written,
+    teller,
+    written,
+)
 
 commands = typer.Typer()
 
@@ -23,6 +35,7 @@ def fit(
         list[Path] | None,
         typer.Option("--validate", metavar="RUN", help="Run that is not fitted, to test the prediction on."),
     ] = None,
+    picture: Picture = None,
 ) -> None:
     """Identify the body offline, from any number of runs together.
 
@@ -34,13 +47,17 @@ def fit(
     from inertiad.base import finding
     from inertiad.identify import estimate_document, identification
     from inertiad.identify import fit as fitter
+    from inertiad.report import picture as pictures
 
+    only_one_to_stdout(json, picture)
+    if picture is not None:
+        pictures.check(picture)
     with progress_shown() as progress:
         progress("read")
         described, recordings = fitter.read(runs, robot, method)
         done = identification.identify(method, described, recordings, validate or [], robot, progress)
     if done.estimate is not None:
-        teller(json)(fitter.text(done.estimate, fitter.truth_of(runs)))
+        teller(picture if is_stdout(picture) else json)(fitter.text(done.estimate, fitter.truth_of(runs)))
         for line in fitter.remarks(done.estimate, recordings, done.validations):
             say(line)
     for line in finding.lines(done.findings):
@@ -51,6 +68,10 @@ def fit(
         )
         with written(json) as path:
             estimate_document.write(path, document)
+    if picture is not None:
+        with written(picture) as path:
+            pictures.write(path, pictures.of_fit(done, recordings, command_line()))
+        say_written(picture)
     if finding.verdict(done.findings) == "stop":
         raise typer.Exit(1)
 
@@ -65,9 +86,7 @@ def report(
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="Page to write; default: report.html in RUN; -: stdout."),
     ] = None,
-    figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
-    ] = None,
+    figures: Figures = None,
 ) -> None:
     """Write a page on runs of one body: verdict, result, limiting errors, next step. Opens without a network."""
     from inertiad.report import document
@@ -90,9 +109,7 @@ def paper(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Page to write; -: stdout.")] = Path(
         "paper.html"
     ),
-    figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder for every figure as PNG and PDF.")
-    ] = None,
+    figures: Figures = None,
 ) -> None:
     """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with the joint fit on the same data."""
     from inertiad.check import paper_experiment
@@ -160,16 +177,26 @@ def sync(
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Default: sync.json in RUN; -: stdout.")
     ] = None,
+    picture: Picture = None,
 ) -> None:
     """Estimate the delays of tracker and forces against the IMU, their sigmas, and the error that wrong delays cause.
 
     In robot.toml: [calibration] sync = "sync.json", for compile, fit and all others.
     """
     from inertiad.identify import sync as synchroniser
+    from inertiad.report import picture as pictures
 
+    only_one_to_stdout(json, picture)
+    if picture is not None:
+        pictures.check(picture)
     with progress_shown() as progress:
         found = synchroniser.sync(run, progress)
+        drawn = None if picture is None else synchroniser.curves(found, progress)
     for line in synchroniser.text(found):
-        teller(json)(line)
+        teller(picture if is_stdout(picture) else json)(line)
     with written(json or run / "sync.json") as path:
         synchroniser.write(path, found)
+    if picture is not None and drawn is not None:
+        with written(picture) as path:
+            pictures.write(path, pictures.of_sync(found, drawn, command_line()))
+        say_written(picture)

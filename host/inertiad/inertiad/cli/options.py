@@ -16,7 +16,25 @@ from inertiad.base.error import InputError
 
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="Robot description, robot.toml.")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON; -: stdout.")]
-RunFolder = Annotated[Path, typer.Option("-o", "--output", metavar="RUN", help="Run folder to write.")]
+
+
+def _folder(output: Path | None) -> Path | None:
+    """InputError: stdout is named where a folder is written."""
+    if str(output) == "-":
+        raise InputError("-: allowed: a folder; several files do not go to stdout")
+    return output
+
+
+RunFolder = Annotated[
+    Path, typer.Option("-o", "--output", metavar="RUN", callback=_folder, help="Run folder to write.")
+]
+Figures = Annotated[
+    Path | None,
+    typer.Option("--figures", metavar="FOLDER", callback=_folder, help="Folder for every figure as PNG and PDF."),
+]
+Picture = Annotated[
+    Path | None, typer.Option("--picture", metavar="FILE", help="Draw the result, .html or .png; -: a page to stdout.")
+]
 Url = Annotated[str, typer.Option("--lcm", metavar="URL", help="LCM network.")]
 Prefix = Annotated[str, typer.Option(metavar="TEXT", help="Channel prefix.")]
 

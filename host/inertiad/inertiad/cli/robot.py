@@ -110,7 +110,9 @@ def excite(
     acceleration: Annotated[
         float, typer.Option(metavar="M/S2", min=0.01, max=100.0, help="Greatest of the tracked point.")
     ] = 2.0,
-    picture: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw motion, tensions, sigma ellipses.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Draw motion, tensions, sigma ellipses; -: stdout.")
+    ] = None,
 ) -> None:
     """Plan the most informative motion for mass, CoG and inertia within the robot's limits, and predict the sigmas.
 
@@ -119,6 +121,7 @@ def excite(
     from inertiad.excite import plan_file
     from inertiad.excite import request as requests
 
+    only_one_to_stdout(output, picture)
     words = requests.Arguments(
         motion, duration, sigma, poses, hold, start, end, criterion, box, tilt, yaw, speed, acceleration
     )
@@ -129,6 +132,7 @@ def excite(
         if not is_stdout(output):
             plan_file.write_json(output.with_suffix(".json"), request, plan)
         if picture is not None:
-            plan_file.draw(picture, request, plan)
+            with written(picture, ".png") as path:
+                plan_file.draw(path, request, plan)
     for line in plan_file.summary(plan):
         say(line)

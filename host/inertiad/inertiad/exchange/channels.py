@@ -7,7 +7,7 @@ A mapping, TOML:
 The keys of [channels] are quantities. unit: where the file gives none, or another one; scale and offset apply in SI.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Self
@@ -20,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.recognition import recognise
 from inertiad.base.table import Table
 from inertiad.base.text_files import read_toml, toml_value
-from inertiad.exchange import convert, foreign_csv
+from inertiad.exchange import convert, foreign_csv, foreign_messages, foreign_tables
 from inertiad.exchange.foreign_csv import Channel
 from inertiad.robot.messages import Strict, nearest_or_known, validate
 from inertiad.robot.value_types import Range
@@ -95,14 +95,28 @@ def of_tables(tables: dict[str, Table]) -> list[Channel]:
     ]
 
 
-def summary(path: Path, mapping: Mapping | None = None) -> list[Found]:
+def _foreign(path: Path, time: Time) -> list[Channel]:
+    """Channels of a file of another tool."""
+    ending = path.suffix.lower()
+    if foreign_messages.is_bag(path):
+        return foreign_messages.read_bag(path)
+    if ending == ".mf4":
+        return foreign_tables.read_mf4(path)
+    if ending == ".mcap":
+        return foreign_messages.read_mcap(path)
+    read = {".parquet": foreign_tables.read_parquet, ".mat": foreign_tables.read_mat}.get(ending, foreign_csv.read)
+    return read(path, time.channel, time.unit)
+
+
+def summary(path: Path, mapping: Mapping | None = None, dbcs: Sequence[Path] = ()) -> list[Found]:
     """Every channel of a recording with the quantity proposed for it, each quantity once.
 
-    InputError: the file cannot be read, or has nothing but CAN frames.
+    dbcs: of a CAN log's buses. InputError: the file cannot be read, or has nothing but CAN frames and no DBC is given.
     """
-    if path.suffix.lower() == ".csv":
-        time = (mapping or Mapping()).time
-        channels = foreign_csv.read(path, time.channel, time.unit)
+    if dbcs:
+        channels = foreign_messages.read_can(path, list(dbcs))
+    elif path.suffix.lower() == ".csv" or convert.is_foreign(path):
+        channels = _foreign(path, (mapping or Mapping()).time)
     else:
         channels = of_tables(convert.read_file(path).tables)
         if not channels:

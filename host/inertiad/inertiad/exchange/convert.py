@@ -5,17 +5,26 @@ import difflib
 import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Table, at_ns, header
-from inertiad.exchange import body_formats, dataset, file_formats
+from inertiad.exchange import body_formats, dataset, file_formats, foreign_messages, foreign_tables
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import description
 from inertiad.run import canlog
 from inertiad.run import folder as run_folder
+
+IS_OWN: Final[dict[str, Callable[[Path], bool]]] = {
+    ".parquet": foreign_tables.is_own_parquet,
+    ".mat": foreign_tables.is_own_mat,
+    ".mf4": foreign_tables.is_own_mf4,
+    ".mcap": foreign_messages.is_own_mcap,
+}
+"""by ending: whether a file is of export"""
 
 
 def _check(form: str) -> None:
@@ -79,9 +88,19 @@ def _write_run(data: Dataset, folder: Path) -> Iterator[str]:
 
 
 def is_foreign(file: Path) -> bool:
-    """Whether a CSV file has other columns than export and encode know, so that a mapping is needed."""
-    if file.suffix.lower() != ".csv" or not file.exists():
+    """Whether a file has other columns than export and encode know, so that a mapping is needed.
+
+    InputError: it cannot be read.
+    """
+    if not file.exists():
         return False
+    ending = file.suffix.lower()
+    if foreign_messages.is_bag(file):
+        return True
+    return _is_foreign_csv(file) if ending == ".csv" else ending in IS_OWN and not IS_OWN[ending](file)
+
+
+def _is_foreign_csv(file: Path) -> bool:
     try:
         names, _ = header(file)
     except InputError:

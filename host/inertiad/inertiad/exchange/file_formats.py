@@ -12,7 +12,6 @@ candump   can-utils' log: the frames alone, stamps in us
 """
 
 import gc
-import importlib
 import json
 import sys
 from collections.abc import Callable, Iterator
@@ -29,19 +28,12 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Table, at_ns
 from inertiad.exchange import dataset, foxglove, layouts
 from inertiad.exchange.dataset import Dataset
+from inertiad.exchange.mcap_file import mcap_messages
+from inertiad.exchange.packages import package
 from inertiad.run import canlog
 from inertiad.run.canlog import CanLog
 
 NOTE: Final = "inertiad: SI units; W world, z up; I sensor axes; inertia as matrix entries about the CoG"
-
-
-def _package(name: str, form: str) -> Any:
-    """A package that not every installation has. InputError: it is not there."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        root = name.partition(".")[0]
-        raise InputError(f"{form}: needs the Python package {root}; run pip install 'inertiad[export]'") from None
 
 
 def dataset_of(found: list[Table], source: str, frames: CanLog | None = None) -> Dataset:
@@ -98,20 +90,27 @@ def read_csv(path: Path) -> Dataset:
 
 
 def _write_parquet_table(path: Path, table: Table) -> None:
-    arrow = _package("pyarrow", "parquet")
+    arrow = package("pyarrow", "parquet")
     columns = {"t": table.t, "t_ns": table.t_ns, **table.columns}
     arrays = {name: arrow.array(values) for name, values in columns.items()}
     fields = [arrow.field(name, a.type, metadata={"unit": units.of(name)}) for name, a in arrays.items()]
     schema = arrow.schema(fields, metadata={"sheet": table.name, "note": NOTE})
-    _package("pyarrow.parquet", "parquet").write_table(arrow.table(arrays, schema=schema), path)
+    package("pyarrow.parquet", "parquet").write_table(
+        arrow.table(arrays, schema=schema), path, write_page_checksum=True
+    )
+
+
+def parquet_table(path: Path) -> Any:
+    """A Parquet file as an arrow table, its pages' checksums checked. InputError: damaged."""
+    arrow = package("pyarrow", "parquet")
+    try:
+        return package("pyarrow.parquet", "parquet").read_table(path, page_checksum_verification=True)
+    except (arrow.ArrowException, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a usable Parquet file: {' '.join(str(error).split())}") from None
 
 
 def _read_parquet_table(path: Path) -> Table:
-    arrow = _package("pyarrow", "parquet")
-    try:
-        table = _package("pyarrow.parquet", "parquet").read_table(path)
-    except (arrow.ArrowException, OSError) as error:
-        raise InputError(f"{path}: not a usable Parquet file: {error}") from None
+    table = parquet_table(path)
     if not {"t", "t_ns"} & set(table.column_names):
         raise InputError(f"{path}: no column t: allowed: t in s, or t_ns")
     metadata = table.schema.metadata or {}
@@ -152,7 +151,7 @@ def _finite_or_none(values: Any) -> list[Any]:
 
 def write_mcap(path: Path, data: Dataset) -> list[Path]:
     """MCAP with JSON messages; log time is host time."""
-    Writer = _package("mcap.writer", "mcap").Writer
+    Writer = package("mcap.writer", "mcap").Writer
     drawn = _drawn(data)
     with path.open("wb") as file:
         writer = Writer(file)
@@ -176,12 +175,12 @@ def write_mcap(path: Path, data: Dataset) -> list[Path]:
 
 def _drawn(data: Dataset) -> list[foxglove.Message]:
     """The robot in motion; none where its description is missing."""
-    _package("foxglove_schemas_protobuf", "mcap")
+    package("foxglove_schemas_protobuf", "mcap")
     return [] if data.robot is None else list(foxglove.messages(data, data.robot))
 
 
 def _write_drawn(writer: Any, drawn: list[foxglove.Message]) -> None:
-    register = _package("mcap_protobuf.schema", "mcap").register_schema
+    register = package("mcap_protobuf.schema", "mcap").register_schema
     schemas: dict[str, int] = {}
     channels: dict[str, int] = {}
     for number, message in enumerate(drawn):
@@ -196,16 +195,11 @@ def _write_drawn(writer: Any, drawn: list[foxglove.Message]) -> None:
 
 def read_mcap(path: Path) -> Dataset:
     """The JSON channels of an MCAP file. InputError: damaged, or no JSON in it."""
-    reader = _package("mcap.reader", "mcap")
     rows: dict[str, list[dict[str, Any]]] = {}
-    with path.open("rb") as file:
-        try:
-            for _, channel, message in reader.make_reader(file).iter_messages(log_time_order=False):
-                if channel.message_encoding == "json":
-                    stamp = {"t_ns": message.log_time}
-                    rows.setdefault(channel.topic.strip("/"), []).append(stamp | json.loads(message.data))
-        except (_package("mcap.exceptions", "mcap").McapError, ValueError, EOFError) as error:
-            raise InputError(f"{path}: not a usable MCAP file: {error or type(error).__name__}") from None
+    for _, channel, message in mcap_messages(path):
+        if channel.message_encoding == "json":
+            stamp = {"t_ns": message.log_time}
+            rows.setdefault(channel.topic.strip("/"), []).append(stamp | json.loads(message.data))
     found = []
     for topic, listed in rows.items():
         name = topic if topic in dataset.NAMES else dataset.name_of(listed[0])
@@ -256,9 +250,14 @@ def read_mat(path: Path) -> Dataset:
 
 # ---- ASAM MDF --------------------------------------------------------------------------------------------------------
 
+MDF_MASTERS: Final = (2, 3)
+"""types of channels that are the time itself, stored or virtual"""
 _FD_LENGTHS: Final = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _FRAME_KINDS: Final = (("CAN_DataFrame", 0), ("CAN_RemoteFrame", canlog.REMOTE), ("CAN_ErrorFrame", canlog.ERROR))
+
+
+FRAME_NAMES: Final = tuple(name for name, _ in _FRAME_KINDS)
 
 
 def _start_us(data: Dataset) -> int:
@@ -337,9 +336,8 @@ def write_mf4(path: Path, data: Dataset) -> list[Path]:
 
 
 def _mf4_table(mdf: Any, index: int, name: str, start_us: int) -> Table:
-    masters = (2, 3)  # the time itself, stored or virtual
     channels = mdf.groups[index].channels
-    signals = mdf.select([(None, index, k) for k, c in enumerate(channels) if c.channel_type not in masters])
+    signals = mdf.select([(None, index, k) for k, c in enumerate(channels) if c.channel_type not in MDF_MASTERS])
     columns = {
         s.name: [v.decode() for v in s.samples.tolist()] if s.samples.dtype.kind == "S" else s.samples for s in signals
     }
@@ -348,7 +346,7 @@ def _mf4_table(mdf: Any, index: int, name: str, start_us: int) -> Table:
 
 
 @contextmanager
-def _silent_destructors() -> Iterator[None]:
+def silent_destructors() -> Iterator[None]:
     """asammdf prints a traceback when it drops a file that it could not open."""
     was, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
@@ -360,7 +358,7 @@ def _silent_destructors() -> Iterator[None]:
 
 def read_mf4(path: Path) -> Dataset:
     """The channel groups named as tables, and the logged CAN frames."""
-    with _silent_destructors():
+    with silent_destructors():
         found, has_frames, reason = _read_mf4(path)
     if reason:
         raise InputError(f"{path}: not a usable MDF 4 file: {reason}")

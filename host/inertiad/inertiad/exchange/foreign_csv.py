@@ -97,6 +97,12 @@ def _first_data_row(path: Path, rows: list[list[str]]) -> int:
     raise InputError(f"{path}: no row of numbers below a header within {HEAD_LINES} lines")
 
 
+def split_head(head: str) -> tuple[str, str]:
+    """Name and unit of a column's head, "a [m/s2]" or "a (g)"; "" for no unit."""
+    match = _UNIT.match(head)
+    return (match[1], match[2].strip()) if match else (head, "")
+
+
 def _heads(rows: list[list[str]]) -> list[tuple[str, str]]:
     """Names and units of the columns, from the rows above the numbers: "a [m/s2]", "a (g)", or a row of units."""
     last = [cell.strip().strip('"') for cell in rows[-1]]
@@ -108,8 +114,7 @@ def _heads(rows: list[list[str]]) -> list[tuple[str, str]]:
             unit_row, last = [cell.strip("[]() ") for cell in last], [cell.strip().strip('"') for cell in rows[-2]]
     heads = []
     for name, unit in zip(last, unit_row, strict=False):
-        match = _UNIT.match(name)
-        heads.append((match[1], match[2].strip()) if match and not unit else (name, unit))
+        heads.append((name, unit) if unit else split_head(name))
     return heads
 
 

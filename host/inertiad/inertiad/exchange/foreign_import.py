@@ -5,7 +5,7 @@ signals.csv has rows at the IMU's samples, forces interpolated to them; tracker.
 can.log, where a robot description is given, every sensor at its own rate.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -178,13 +178,19 @@ def _write_tracker(path: Path, position: Table) -> Iterator[str]:
 
 
 def import_mapped(
-    file: Path, folder: Path, robot: Path | None, mapping: Mapping | None, remarks: list[str]
+    file: Path,
+    folder: Path,
+    robot: Path | None,
+    mapping: Mapping | None,
+    remarks: list[str],
+    dbcs: Sequence[Path] = (),
 ) -> list[str]:
     """A recording -> a run folder. Without a mapping the proposed one is used, and written beside it.
 
-    remarks: every channel with its proposal, and assumptions. Returns a line per file. InputError: unusable.
+    dbcs: of a CAN log's buses. remarks: every channel with its proposal, and assumptions. Returns a line per file.
+    InputError: unusable.
     """
-    known: list[Found] = channels.summary(file, mapping)
+    known: list[Found] = channels.summary(file, mapping, dbcs)
     run_folder.open_run(folder)
     if mapping is None:
         mapping = channels.proposed_mapping(file, known)

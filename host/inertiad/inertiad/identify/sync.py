@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
-from inertiad.identify import fit, time_delay
+from inertiad.identify import findings, fit, time_delay
 from inertiad.identify.time_delay import Delay
 from inertiad.robot import configuration, dbc, description, systematic
 from inertiad.robot.description import Robot
@@ -33,6 +33,13 @@ FORCE_DELAY_STD: Final = 0.02
 LEVER_STD_MIN: Final = 1e-4
 VAGUE: Final = 2e-3
 """s, sigma above which the delay is reported as poorly observable"""
+N_POSITION: Final = 41
+N_FORCE: Final = 7
+SHOWN_SIGMAS: Final = 5.0
+SHOWN_BEYOND: Final = 1.3
+"""of the distance from the delay found to the one configured"""
+SHOWN_LEAST: Final = 2e-3
+"""s"""
 SYNC_ID: Final = 0x80
 """CANopen's SYNC"""
 
@@ -86,6 +93,28 @@ class Sync:
     is_clock_good: bool
     clock: str
     costs: list[Cost]
+    solution: time_delay.Solution
+    """of the tracker's delay"""
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What the delays explain: residuals against each delay, and over time."""
+
+    position_delay: Array
+    """s [K]"""
+    position_rms: Array
+    """m, each axis, of the tracker's positions [K]"""
+    force_delay: Array
+    """s [L]"""
+    force_rms: Array
+    """N, of the wrench's force [L]"""
+    t: Array
+    """s since the first IMU sample [N]"""
+    before: Array
+    """m [N, 3]: residual of the positions with the delay that robot.toml has"""
+    after: Array
+    """m [N, 3]: with the delay found"""
 
 
 # ---- delays ----------------------------------------------------------------------------------------------------------
@@ -105,7 +134,7 @@ def _imu(robot: Robot, run: Path) -> tuple[time_delay.Imu, float]:
     return time_delay.Imu(rows.t - t0, acc, gyro, rows.q), t0
 
 
-def _tracker_delay(robot: Robot, run: Path) -> Delay:
+def _tracker_delay(robot: Robot, run: Path) -> time_delay.Solution:
     imu, t0 = _imu(robot, run)
     tracker = tracker_csv.read(run / "tracker.csv")
     to_imu = Rotation.from_quat(robot.imu.orientation, scalar_first=True).inv()
@@ -115,7 +144,7 @@ def _tracker_delay(robot: Robot, run: Path) -> Delay:
     prior = time_delay.Prior(
         robot.gravity, lever, spread["acc_bias"], spread["gyro_bias"], max(spread["imu_position"], LEVER_STD_MIN)
     )
-    found = time_delay.estimate(imu, tracker.t - t0, tracker.stack("x", "y", "z"), prior, MARGIN)
+    found = time_delay.solve(imu, tracker.t - t0, tracker.stack("x", "y", "z"), prior, MARGIN)
     if found is None:
         raise InputError(f"{run}: IMU and tracker never overlap for {time_delay.SHORTEST:g} s; use a run that moves")
     return found
@@ -123,7 +152,7 @@ def _tracker_delay(robot: Robot, run: Path) -> Delay:
 
 def delays(robot: Robot, run: Path) -> tuple[Delay, tuple[float, float]]:
     """The tracker's delay, and the forces' with its sigma [s]. InputError: the run does not observe them."""
-    position = _tracker_delay(robot, run)
+    position = _tracker_delay(robot, run).delay
     return position, _force_delay(robot, run, position)
 
 
@@ -156,12 +185,17 @@ def _force_delay(robot: Robot, run: Path, position: Delay) -> tuple[float, float
 # ---- cost ------------------------------------------------------------------------------------------------------------
 
 
-def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Array:
-    """Ten numbers of the body with delays taken as they are, shift [s] wrong: positions, forces."""
+def _fit(config: Any, run: reader.Recording, shift: tuple[float, float]) -> dict[str, Any]:
+    """The batch solver's result with delays taken as they are, shift [s] wrong: positions, forces."""
     kinds = systematic.groups(run.robot.n_cables)
     free = np.concatenate([np.full(g.n, g.name not in ("position_delay", "force_delay")) for g in kinds])
     moved = reader.Recording(run.path, run.robot, inertiad_core.undelayed(run.rows, *shift), 0, 0, {})
-    return np.array(fit.of_batch("joint", fit.batch(config, [moved], is_free=free.tolist())).body.value)
+    return fit.batch(config, [moved], is_free=free.tolist())
+
+
+def _body(config: Any, run: reader.Recording, shift: tuple[float, float]) -> Array:
+    """Ten numbers of the body."""
+    return np.array(fit.of_batch("joint", _fit(config, run, shift)).body.value)
 
 
 def _costs(robot: Robot, run: Path, position: Delay, force: tuple[float, float]) -> Iterator[Cost]:
@@ -177,6 +211,35 @@ def _costs(robot: Robot, run: Path, position: Delay, force: tuple[float, float])
     ):
         change = _body(config, recording, shift) - best
         yield Cost(what, float(change[0]), float(np.linalg.norm(change[1:4])), float(np.abs(change[4:]).max()))
+
+
+def _around(found: float, std: float, configured: float, n: int) -> Array:
+    """n delays, s, that show the one found, its sigmas and the one configured."""
+    reach = max(SHOWN_SIGMAS * std, SHOWN_BEYOND * abs(configured - found), SHOWN_LEAST)
+    return np.linspace(found - reach, found + reach, n)
+
+
+def curves(found: Sync, progress: Callable[[str], None]) -> Curves:
+    """Residuals against the delays. Cost: N_FORCE fits."""
+    configured, (force, force_std) = configuration.delays(found.robot), found.force
+    progress("residual against the tracker's delay")
+    delay = _around(found.position.value, found.position.std, configured["position"], N_POSITION)
+    aligned = _with_delays(found.robot, found.position, found.force)
+    config, recording = reader.config_of(aligned, str(found.run)), reader.read_as(found.run, aligned)
+    force_delay, rms = _around(force, force_std, configured["force"], N_FORCE), []
+    for number, other in enumerate(force_delay):
+        progress(f"residual against the forces' delay, {number + 1} of {N_FORCE}")
+        rms.append(findings.residual(_fit(config, recording, (0.0, float(other - force))))[0])
+    parts = found.solution.stretches
+    return Curves(
+        delay,
+        found.solution.rms(delay),
+        force_delay,
+        np.array(rms),
+        np.concatenate([part.t for part in parts]),
+        np.concatenate([part.residual(configured["position"]) for part in parts]),
+        np.concatenate([part.residual(float(part.theta[0])) for part in parts]),
+    )
 
 
 # ---- triggers --------------------------------------------------------------------------------------------------------
@@ -222,11 +285,13 @@ def sync(run: Path, progress: Callable[[str], None]) -> Sync:
                 f"{run / name}: not found; pass a run folder with robot.toml, can.log or signals.csv, and tracker.csv"
             )
     progress("estimate the delays")
-    position, force = delays(robot, run)
+    solution = _tracker_delay(robot, run)
+    position = solution.delay
+    force = _force_delay(robot, run, position)
     progress("compute the cost of wrong delays")
     costs = list(_costs(robot, run, position, force))
     triggers = edges(robot, canlog.read(run / "can.log")) if (run / "can.log").exists() else []
-    return Sync(run, robot, position, force, triggers, *host_info.clock_in_words(run), costs)
+    return Sync(run, robot, position, force, triggers, *host_info.clock_in_words(run), costs, solution)
 
 
 def text(found: Sync) -> Iterator[str]:

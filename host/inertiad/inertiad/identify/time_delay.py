@@ -99,6 +99,16 @@ class Delay:
     n_stretches: int
 
 
+@dataclass
+class Levels:
+    """Variances, learnt."""
+
+    noise: float = 1e-6
+    """m2"""
+    walk: float = WALK_NOISE**2
+    white: float = ACC_NOISE**2
+
+
 def _integral(t: Array, x: Array) -> Array:
     """Of x [N, ...] from t[0], trapezoids."""
     dt = np.diff(t).reshape(-1, *[1] * (x.ndim - 1))
@@ -132,7 +142,7 @@ def _hats(t: Array, knots: Array) -> Array:
     return np.stack([np.interp(t, knots, row) for row in np.eye(len(knots))], axis=1)
 
 
-class _Stretch:
+class Stretch:
     """One stretch of data: parameters in, predicted positions and their derivatives out.
 
     Parameters: delay; start position 3, velocity 3; acc bias 3, gyro bias 3, lever 3; theta at the first knot and its
@@ -150,6 +160,7 @@ class _Stretch:
         self.coarse = np.linspace(imu.t[0], imu.t[-1], int((imu.t[-1] - imu.t[0]) / JACOBIAN_STEP) + 1)
         self.hats = _hats(self.coarse, self.knots)
         self.theta = np.zeros(self.N_FIXED + 6 * n)
+        self.levels = Levels()
         number = np.floor((t - t[0]) / BIN).astype(np.int64)
         self.first = np.flatnonzero(np.diff(number, prepend=-1))
         self.count = np.diff(self.first, append=len(t)).astype(float)
@@ -168,8 +179,8 @@ class _Stretch:
         steps, e = theta[self.N_FIXED :].reshape(2, self.n_knots, 3)
         return np.cumsum(steps, axis=0), e
 
-    def predict(self) -> tuple[Array, Array, float]:
-        """Residuals [3 B] and Jacobian [3 B, n] of the bins, in units of a sample's noise; squares within the bins."""
+    def _path(self) -> tuple[Rotation, Array, CubicHermiteSpline]:
+        """Attitude and force in W at the IMU's samples, and the tracked point's place over time."""
         imu, theta = self.imu, self.theta
         tilt, e = self._processes(theta)
         tilted = Rotation.from_rotvec(np.stack([np.interp(imu.t, self.knots, c) for c in tilt.T], axis=1))
@@ -183,14 +194,37 @@ class _Stretch:
         p[1:] -= np.cumsum(dt**2 / 12.0 * np.diff(a, axis=0), axis=0)
         lever = self.prior.lever + theta[13:16]
         path = CubicHermiteSpline(imu.t, p + A.apply(lever), v + A.apply(np.cross(imu.gyro - theta[10:13], lever)))
-        e = self.x - path(self.t - theta[0])
-        weight = np.sqrt(self.count)[:, None]
-        binned = np.add.reduceat(e, self.first, axis=0) / weight
-        J = self._jacobian(self.t_bin - theta[0], A, force, A.apply(lever), path) * np.repeat(weight, 3, axis=0)
-        return binned.ravel(), J, float((e**2).sum() - (binned**2).sum())
+        return A, force, path
 
-    def _jacobian(self, at: Array, A: Rotation, force: Array, arm: Array, path: CubicHermiteSpline) -> Array:
-        s, fine = self.coarse, self.imu.t
+    def _binned(self, e: Array) -> tuple[Array, float]:
+        """Residuals [3 B] of the bins, in units of a sample's noise, of residuals e [N, 3]; squares within the bins."""
+        binned = np.add.reduceat(e, self.first, axis=0) / np.sqrt(self.count)[:, None]
+        return binned.ravel(), float((e**2).sum() - (binned**2).sum())
+
+    def predict(self) -> tuple[Array, Array, float]:
+        """Residuals [3 B] and Jacobian [3 B, n] of the bins, in units of a sample's noise; squares within the bins."""
+        A, force, path = self._path()
+        binned, within = self._binned(self.x - path(self.t - self.theta[0]))
+        return binned, self._jacobian(self.t_bin - self.theta[0], A, force, path), within
+
+    def residual(self, delay: float) -> Array:
+        """m [N, 3] of the positions, with another delay [s] and everything else as found."""
+        return np.asarray(self.x - self._path()[2](self.t - delay))
+
+    def squares(self, delays: Array) -> Array:
+        """m2 [K]: sum over the positions' residuals, for delays [K] s, everything else fitted anew to each."""
+        A, force, path = self._path()
+        J = self._jacobian(self.t_bin - self.theta[0], A, force, path)[:, 1:]
+        held = np.sqrt(self.levels.noise / self.prior_variance(self.levels.walk, self.levels.white)[1:])
+        binned, within = zip(*(self._binned(self.x - path(self.t - delay)) for delay in delays), strict=True)
+        beside = np.tile(-held * self.theta[1:], (len(delays), 1))
+        whole = np.block([[J, np.array(binned).T], [np.diag(held), beside.T]])
+        left = np.asarray(np.linalg.qr(whole, mode="r"))[J.shape[1] :, J.shape[1] :]
+        return np.array(within) + np.sum(left**2, axis=0)
+
+    def _jacobian(self, at: Array, A: Rotation, force: Array, path: CubicHermiteSpline) -> Array:
+        s, fine, lever = self.coarse, self.imu.t, self.prior.lever + self.theta[13:16]
+        arm = A.apply(lever)
         R = np.stack([np.interp(s, fine, c) for c in A.as_matrix().reshape(-1, 9).T], axis=1).reshape(-1, 3, 3)
         f, arm = (np.stack([np.interp(s, fine, c) for c in x.T], axis=1) for x in (force, arm))
         unit = np.eye(3)
@@ -210,7 +244,8 @@ class _Stretch:
         k = np.clip(np.searchsorted(s, at) - 1, 0, len(s) - 2)
         share = ((at - s[k]) / (s[1] - s[0]))[:, None, None]
         there = (1.0 - share) * columns[k] + share * columns[k + 1]  # [N, n - 1, 3]
-        return np.concatenate([-path(at, 1)[:, None, :], there], axis=1).transpose(0, 2, 1).reshape(3 * len(at), -1)
+        whole = np.concatenate([-path(at, 1)[:, None, :], there], axis=1).transpose(0, 2, 1).reshape(3 * len(at), -1)
+        return np.asarray(whole * np.repeat(np.sqrt(self.count), 3)[:, None])
 
     def prior_variance(self, walk: float, white: float) -> Array:
         """Of every parameter. walk: rad2 per s, white: (m/s2)2 of a knot."""
@@ -219,18 +254,8 @@ class _Stretch:
         return np.r_[fixed, [TILT_STD**2] * 3, [walk * self.spacing] * (3 * (K - 1)), [white] * (3 * K)]
 
 
-@dataclass
-class _Levels:
-    """Variances, learnt."""
-
-    noise: float = 1e-6
-    """m2"""
-    walk: float = WALK_NOISE**2
-    white: float = ACC_NOISE**2
-
-
 def _learn(
-    stretch: _Stretch, R: Array, z: Array, rest: float, n: int, levels: _Levels, n_steps: int
+    stretch: Stretch, R: Array, z: Array, rest: float, n: int, levels: Levels, n_steps: int
 ) -> tuple[Array, Array]:
     """Parameters and covariance from rows R theta = z (unit weight, rest: their residual), learning the levels."""
     first = stretch.N_FIXED + 3
@@ -262,9 +287,9 @@ def _long_run(s: Array, lags: int) -> float:
     return float(total)
 
 
-def _solve(stretch: _Stretch) -> tuple[float, float, float]:
+def _solve(stretch: Stretch) -> tuple[float, float, float]:
     """Delay, its variance and the tracker's noise [m] of one stretch."""
-    levels, n_data = _Levels(), stretch.x.size
+    levels, n_data = stretch.levels, stretch.x.size
     for k in range(N_STEPS):
         e, J, within = stretch.predict()
         Rz = np.asarray(np.linalg.qr(np.column_stack([J, e + J @ stretch.theta]), mode="r"))
@@ -297,16 +322,36 @@ def _stretches(imu: Imu, t: Array, margin: float) -> list[tuple[slice, slice]]:
     return found
 
 
+@dataclass(frozen=True)
+class Solution:
+    """The delay, and the stretches that it comes from."""
+
+    delay: Delay
+    stretches: list[Stretch]
+
+    def rms(self, delays: Array) -> Array:
+        """m [K], each axis: residual of the positions for delays [K] s, everything else fitted anew to each."""
+        squares = np.sum([stretch.squares(delays) for stretch in self.stretches], axis=0)
+        return np.sqrt(squares / sum(stretch.x.size for stretch in self.stretches))
+
+
 def estimate(imu: Imu, t: Array, x: Array, prior: Prior, margin: float) -> Delay | None:
+    """The delay alone; see solve()."""
+    found = solve(imu, t, x, prior, margin)
+    return None if found is None else found.delay
+
+
+def solve(imu: Imu, t: Array, x: Array, prior: Prior, margin: float) -> Solution | None:
     """The delay of positions x [N, 3] m of the tracked point in W, stamped t [N] s. None: no stretch is long enough.
 
     margin: s, the largest delay, either way, for which both ends hold. Cost: about 5 s per 30 s of data.
     """
-    each = []
+    each, solved = [], []
     parts = _stretches(imu, t, margin)
     for samples, positions in parts:
         part = Imu(imu.t[samples], imu.acc[samples], imu.gyro[samples], imu.q[samples])
-        each.append(_solve(_Stretch(part, t[positions], x[positions], prior)))
+        solved.append(Stretch(part, t[positions], x[positions], prior))
+        each.append(_solve(solved[-1]))
     if not each:
         return None
     value, variance, noise = np.array(each).T
@@ -315,4 +360,4 @@ def estimate(imu: Imu, t: Array, x: Array, prior: Prior, margin: float) -> Delay
     scatter = float(weight @ (value - mean) ** 2) / max(1, len(each) - 1)
     std = float(np.sqrt(max(1.0, scatter) / weight.sum()))
     n = sum(s.stop - s.start for _, s in parts)
-    return Delay(mean, std, float(np.sqrt(np.mean(noise**2))), n, len(each))
+    return Solution(Delay(mean, std, float(np.sqrt(np.mean(noise**2))), n, len(each)), solved)

@@ -89,12 +89,14 @@ def residuals(facts: Facts) -> Iterator[Figure]:
         panels,
         3,
     )
+    yield from residuals_over_time(facts)
+
+
+def residuals_over_time(facts: Facts) -> Iterator[Figure]:
+    """What is left of each cable's force."""
     shown = [run for run in facts.usable if run.residual is not None and len(run.residual.t) > 1]
-    if shown:
-        yield _residuals_over_time(facts, shown)
-
-
-def _residuals_over_time(facts: Facts, shown: list[Run]) -> Figure:
+    if not shown:
+        return
     panels = []
     for run in shown:
         r = run.residual
@@ -106,7 +108,7 @@ def _residuals_over_time(facts: Facts, shown: list[Run]) -> Figure:
     caption = (
         "Of every window of the weak form; patterns that repeat with the motion mean geometry, steps mean a sensor."
     )
-    return Figure("residuals_over_time", "Residual per cable over time", caption, panels, 2 if len(panels) > 1 else 1)
+    yield Figure("residuals_over_time", "Residual per cable over time", caption, panels, 2 if len(panels) > 1 else 1)
 
 
 def tensions(facts: Facts) -> Iterator[Figure]:

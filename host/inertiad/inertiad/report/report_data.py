@@ -212,7 +212,8 @@ def _why(path: Path, name: str, robot: Robot, error: InputError) -> Run:
     )
 
 
-def _history(config: Any, recording: Recording) -> History:
+def history_of(config: Any, recording: Recording) -> History:
+    """The estimate that the platform's filter has over a run."""
     h = inertiad_core.track(config, recording.rows)
     t = h["t"] - recording.rows.t[0]
     changes = np.asarray(h["n_changes"])
@@ -241,7 +242,7 @@ def _read(path: Path, name: str, robot_file: Path | None) -> Run:
         alone = fit.batch(config, [recording])
     except InputError as error:
         return Run(path, name, robot, recording, str(error), "record for longer: half a minute of motion or more")
-    return Run(path, name, robot, recording, alone=alone, history=_history(config, recording), daemon=_daemon(path))
+    return Run(path, name, robot, recording, alone=alone, history=history_of(config, recording), daemon=_daemon(path))
 
 
 def _motion(config: Any, recording: Recording) -> Motion:
