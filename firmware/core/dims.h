@@ -35,11 +35,11 @@ enum {
     IPE_NP = 10,        ///< inertial parameters: m, h (3), J (6)
     IPE_NY = 6,         ///< equations of a window: force and moment
 
-    IPE_XI_FIXED = 31,  ///< systematic parameters that do not depend on the cables, systematic.h
+    IPE_XI_FIXED = 32,  ///< systematic parameters that do not depend on the cables, systematic.h
     IPE_XI_MAX = IPE_XI_FIXED + 3 * IPE_CABLES_MAX,
     IPE_PATTERNS = 2,   ///< patterns of misplaced attachments, filter_states.h
     IPE_WANDERS = 3,    ///< states of the attitude's wander
-    IPE_X_FIXED = 26,   ///< IPE_XI_FIXED less two scales and the gyro bias, which are no states of the filter
+    IPE_X_FIXED = 26,   ///< IPE_XI_FIXED less two scales, the gyro bias and the low-pass, no states of the filter
     IPE_NX_MAX = IPE_NP + IPE_X_FIXED + 2 * IPE_CABLES_MAX + 3 * IPE_PATTERNS + IPE_WANDERS,  ///< states of the filter
     IPE_NU_MAX = IPE_NX_MAX * (IPE_NX_MAX - 1) / 2,  ///< elements of the unit upper triangle of P's factor
 

@@ -12,16 +12,18 @@
 #include <stdio.h>
 #include <string.h>
 
-static_assert(IPE_XI_FORCE == IPE_XI_EXTERNAL_STIFFNESS + 3, "the table and the numbers in systematic.h agree");
+static_assert(IPE_XI_FORCE == IPE_XI_FORCE_LOWPASS + 1, "the table and the numbers in systematic.h agree");
 
 #define STEP 1e-4  // m and rad of the central differences: error 1e-8 relative by truncation, 1e-11 by rounding
 
 #define CABLE_INERTIA_STD \
     0.5  // share: chosen so that cables without inertia, and at half their first mode, are 2 sigma off
 
+#define FORCE_LOWPASS_STD 2e-5  // s2: of a Bessel filter of 20 Hz and order 4, (delay)^2/14; chosen as what amplifiers have
+
 #define KIND(name, unit, count, count_per_cable, field, is_ahrs_only) \
     {name, unit, count, count_per_cable, offsetof(ipe_config_t, field), is_ahrs_only}
-#define NOT_CONFIGURED SIZE_MAX  // cable_inertia_std() has it
+#define NOT_CONFIGURED SIZE_MAX  // fixed_std() has it
 
 static const ipe_systematic_kind_t kinds[] = {
     KIND("attitude_bias", "rad", 3, 0, std_attitude, true),
@@ -39,6 +41,7 @@ static const ipe_systematic_kind_t kinds[] = {
     {"cable_inertia", "1", 1, 0, NOT_CONFIGURED, false},
     KIND("external_force", "N", 3, 0, std_external_force, false),
     KIND("external_stiffness", "N/m", 3, 0, std_external_stiffness, false),
+    {"force_lowpass", "s2", 1, 0, NOT_CONFIGURED, false},
     KIND("force_offset", "N", 0, 1, std_force_offset, false),
     KIND("force_gain", "1", 0, 1, std_force_gain, false),
     KIND("friction", "1", 0, 1, std_friction, false),
@@ -84,10 +87,16 @@ static double cable_inertia_std(const ipe_config_t* config)
     return 0.0;
 }
 
+/// Of a kind that no key declares.
+static double fixed_std(const ipe_config_t* config, const ipe_systematic_kind_t* kind)
+{
+    return strcmp(kind->name, "force_lowpass") == 0 ? FORCE_LOWPASS_STD : cable_inertia_std(config);
+}
+
 void ipe_systematic_std(const ipe_config_t* config, double std[IPE_XI_MAX])
 {
     for (const ipe_systematic_kind_t* kind = kinds; kind < kinds + N_KINDS; ++kind) {
-        double sigma = cable_inertia_std(config);
+        double sigma = fixed_std(config, kind);
         if (kind->std != NOT_CONFIGURED) { memcpy(&sigma, (const char*)config + kind->std, sizeof sigma); }
         if (kind->is_ahrs_only && ipe_motion_is_fused(config)) { sigma = 0.0; }
         for (int n = kind->count + kind->count_per_cable * config->n_cables; n > 0; --n) { *std++ = sigma; }
@@ -182,6 +191,7 @@ static void force_columns(const ipe_config_t* config, const ipe_average_t* a, co
             by_delay += W[j][i] * a->f_slope[i];
         }
         X[j][IPE_XI_FORCE_DELAY] = by_delay;
+        X[j][IPE_XI_FORCE_LOWPASS] = 0.0;
         X[j][IPE_XI_CABLE_INERTIA] = a->cable_inertia[j];
     }
 }

@@ -9,6 +9,8 @@
 ///   IMU position                    moves the place that s belongs to: s(reference) = s - ([alpha]x + [w]x[w]x) xi;
 ///                                   theta and the wrench stay about the configured place
 ///   force offset, gain, delay       change the tensions
+///   force low-pass                  of the forces, of second order beyond its delay: half the variance of its impulse
+///                                   response. Its column needs the windows around: the host has it (derived.hpp), here it is 0
 ///   external force, stiffness       F = force - diag(stiffness) (p + R b - reference) at b adds to the cables' wrench
 ///   friction, one of each cable     tension at the platform = measured (1 + xi share z), z = sgn(cable travel), wrench.h,
 ///                                   share of the pulley's wrap, cable.h
@@ -41,6 +43,7 @@ enum {
     IPE_XI_CABLE_INERTIA = 24,       ///< 1: the cables' inertia is (1 + xi) times that of cable_inertia.h
     IPE_XI_EXTERNAL_FORCE = 25,      ///< N, W: on the platform, with the attachment at external_reference
     IPE_XI_EXTERNAL_STIFFNESS = 28,  ///< N/m, W: what that force loses per metre away from there, each axis
+    IPE_XI_FORCE_LOWPASS = 31,       ///< s2: f_true(t) = f(t + delay) - xi f'', beside the delay
     IPE_XI_FORCE = IPE_XI_FIXED,     ///< offsets m [N], then gains m [1], then frictions m [1]
 };
 

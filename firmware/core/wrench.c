@@ -13,6 +13,7 @@ void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)
 {
     memset(w, 0, sizeof *w);
     w->config = config;
+    w->rest_speed = REST_SPEED;
 }
 
 /// s since the last row; 0 at a start.
@@ -69,7 +70,7 @@ static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* mo
         vec3_cross(motion->w, k->cable[i].attachment, turning);
         const double speed =
             -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
-        const double square = speed * speed, moving = square / (square + REST_SPEED * REST_SPEED);
+        const double square = speed * speed, moving = square / (square + w->rest_speed * w->rest_speed);
         const double travel = fabs(speed) * dt * moving;
         w->friction[i] += travel / (travel + REACH) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);
         wrench->friction[i] = wrench->f[i] * w->friction[i];

@@ -17,6 +17,7 @@ typedef struct {
     const ipe_config_t* config;
     int64_t t_ns;                     ///< of the last row, 0: none yet
     double f[IPE_CABLES_MAX];         ///< last measured tensions, N: those of cables whose force is unknown
+    double rest_speed;                ///< m/s, below which friction fades with the speed
     double friction[IPE_CABLES_MAX];  ///< z_i, -1 .. 1: 1 while the cable is paid out
     uint64_t n_rows;                  ///< rows turned into a wrench
     uint64_t n_geometry;              ///< rows refused: a cable without direction

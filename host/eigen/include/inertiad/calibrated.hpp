@@ -5,6 +5,7 @@
 ///   yaw         R_true = Rz(xi) R                   world_yaw += xi
 ///   alignment   R_PI_true = exp(align) R_PI         imu_orientation = exp(align) imu_orientation
 ///   delays      a value stamped t was measured at t - delay: the row at t gets what is stamped t + delay
+///   low-pass    forces are those before it, to second order: f - xi f''
 ///   target, attitude delay          added to the configuration
 ///   biases, force offsets and gains added to the calibration
 /// IMU position, scales, cable inertia, external force and friction are left out: the equations are linear in them
@@ -67,7 +68,7 @@ inline std::vector<int> linear_parameters(int n_cables)
 {
     std::vector<int> found{IPE_XI_IMU_POSITION, IPE_XI_IMU_POSITION + 1, IPE_XI_IMU_POSITION + 2,
                            IPE_XI_ACC_SCALE,    IPE_XI_GYRO_SCALE,       IPE_XI_CABLE_INERTIA};
-    for (int i = IPE_XI_EXTERNAL_FORCE; i < IPE_XI_FORCE; ++i) { found.push_back(i); }
+    for (int i = IPE_XI_EXTERNAL_FORCE; i < IPE_XI_FORCE_LOWPASS; ++i) { found.push_back(i); }
     for (int i = 0; i < n_cables; ++i) { found.push_back(IPE_XI_FORCE + 2 * n_cables + i); }
     return found;
 }
@@ -119,6 +120,43 @@ inline bool is_constant(const std::vector<ipe_row_t>& rows, std::size_t k, int n
 }
 
 }  // namespace detail
+
+namespace detail {
+
+constexpr double CURVATURE_STEP = 0.02;  // s on either side: long enough for noise, short enough for motion of 2 Hz
+
+/// Row nearest to CURVATURE_STEP or more before (step -1) or after (step +1) row k; k itself: there is none without a gap.
+inline std::size_t beside(const std::vector<ipe_row_t>& rows, std::size_t k, int step)
+{
+    std::size_t at = k;
+    while (std::abs(seconds(rows[k], rows[at])) < CURVATURE_STEP) {
+        if ((step < 0 && at == 0) || (step > 0 && at + 1 == rows.size())) { return k; }
+        const std::size_t next = step < 0 ? at - 1 : at + 1;
+        if (std::abs(seconds(rows[at], rows[next])) >= GAP) { return k; }
+        at = next;
+    }
+    return at;
+}
+
+}  // namespace detail
+
+/// Rows with forces as they were before a low-pass of which lowpass [s2] is IPE_XI_FORCE_LOWPASS; as they are where no row
+/// lies on either side.
+inline std::vector<ipe_row_t> sharpened(const std::vector<ipe_row_t>& rows, int n_cables, double lowpass)
+{
+    if (lowpass == 0.0) { return rows; }
+    std::vector<ipe_row_t> sharp = rows;
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        const std::size_t a = detail::beside(rows, k, -1), b = detail::beside(rows, k, 1);
+        if (a == k || b == k) { continue; }
+        const double before = detail::seconds(rows[a], rows[k]), after = detail::seconds(rows[k], rows[b]);
+        for (int i = 0; i < n_cables; ++i) {
+            const double rise = (rows[b].f[i] - rows[k].f[i]) / after, fall = (rows[k].f[i] - rows[a].f[i]) / before;
+            sharp[k].f[i] -= lowpass * 2.0 * (rise - fall) / (before + after);
+        }
+    }
+    return sharp;
+}
 
 /// Rows with position and forces as they would be, had they come delay seconds earlier; what stands in acc with the position,
 /// if it was derived from that. Rows at the ends and at gaps, where nothing lies on both sides, are dropped unless they are

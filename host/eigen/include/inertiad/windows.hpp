@@ -22,6 +22,8 @@ namespace inertiad {
 
 using SystematicColumns = Eigen::Matrix<double, IPE_NY, IPE_XI_MAX, Eigen::RowMajor>;
 
+constexpr double SMOOTHED_REST_SPEED = 5e-3;  // m/s: a third of the platform's, as the error of smoothed speeds
+
 /// Windows of rows under a configuration. Rows that a stage refuses are left out, as on the platform.
 inline std::vector<ipe_average_t> windows_of(const Config& config, const std::vector<ipe_row_t>& rows)
 {
@@ -29,6 +31,7 @@ inline std::vector<ipe_average_t> windows_of(const Config& config, const std::ve
     ipe_wrench_stage_t wrench_stage;
     ipe_window_t window;
     ipe_wrench_init(&wrench_stage, &config.c());
+    if (ipe_motion_is_fused(&config.c())) { wrench_stage.rest_speed = SMOOTHED_REST_SPEED; }
     ipe_window_init(&window, &config.c());
     const std::vector<RowMotion> motion = smoothed_motion(config, rows);
     for (std::size_t k = 0; k < rows.size(); ++k) {

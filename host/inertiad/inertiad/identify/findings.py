@@ -17,7 +17,7 @@ from inertiad.base.table import Array
 from inertiad.identify import block_statistics, fit
 from inertiad.identify.block_statistics import BLOCKS_MIN, Copies, Indices
 from inertiad.identify.fit import Estimate
-from inertiad.robot import systematic
+from inertiad.robot import configuration, systematic
 from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run.reader import Recording
@@ -34,8 +34,6 @@ NAMED_MOST: Final = 3
 """corrections named one by one"""
 WIDER: Final = 1.5
 """factor on a sigma that is worth a word"""
-CORRELATED_LONG: Final = 8.0
-"""correlation time of residuals over the window's length: healthy windows, which overlap, have about one"""
 MISFIT: Final = 0.03
 """residual force over the weight: a hundred times a good set of sensors"""
 ABSURD: Final = 0.25
@@ -141,11 +139,11 @@ def _convergence(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
 def _causes_of_misfit(robot: Robot, result: dict[str, Any]) -> list[str]:
     """Why the residuals are no noise, in words; empty: they may be."""
     force, weight = residual(result)[0], _weight(robot, result)
-    correlation = max(f["correlation_time"] for f in result["fit"])
+    correlation = fit.correlation_time(result)
     spread, causes = result.get("spread"), []
     if force > MISFIT * weight:
         causes.append(f"it is {100 * force / weight:.2g} % of the weight")
-    if correlation > CORRELATED_LONG * robot.estimator.window_length:
+    if fit.is_correlated(robot, result):
         causes.append(f"it stays correlated over {correlation:.2g} s")
     if spread is not None and spread.n_blocks >= BLOCKS_MIN and _wider(result) > WIDER:
         causes.append(f"its stretches scatter {_wider(result):.2g} times more than their sigma")
@@ -166,7 +164,7 @@ def _wider(result: dict[str, Any]) -> float:
 def _misfit(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
     force, moment = residual(result)
     weight = _weight(robot, result)
-    correlation = max(f["correlation_time"] for f in result["fit"])
+    correlation = fit.correlation_time(result)
     evidence = {
         "residual_force": force,
         "residual_moment": moment,
@@ -185,11 +183,24 @@ def _misfit(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
         yield Finding("misfit", "care", says, do, evidence)
 
 
+def _drift(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
+    drift = result.get("offset_drift")
+    if drift is None:
+        return
+    stated = configuration.std(robot)["force_offset_drift"]
+    says = (
+        f"the force sensors' offsets drift: by {drift:.2g} N in a second and the root of time, where [std] "
+        f"force_offset_drift states {stated:.2g}; they are followed"
+    )
+    do = "let the force sensors warm up, look at their temperature, or state [std] force_offset_drift in robot.toml"
+    yield Finding("force_offset_drift", "care", says, do, {"drift": drift, "stated": stated})
+
+
 def _few_blocks(result: dict[str, Any]) -> Iterator[Finding]:
     spread = result.get("spread")
     if spread is None or spread.n_blocks >= BLOCKS_MIN:
         return
-    correlation = max(f["correlation_time"] for f in result["fit"])
+    correlation = fit.correlation_time(result)
     says = (
         f"only {spread.n_blocks} independent stretches of data: residuals last for {correlation:.2g} s; sigma "
         "is taken wider, at most the prior's"
@@ -425,7 +436,7 @@ def of_result(
     bodies = [0] * len(recordings) if group is None else group
     found = [*_convergence(robot, result)]
     if not found:
-        found += [*_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
+        found += [*_drift(robot, result), *_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
     found += [*_runs(robot, config, result, recordings, bodies)]  # may be why there is no convergence
     found += [*_possible(result), *_corrections(robot, result)]
     found += [*_observability(result), *_confounded(robot, result)]

@@ -19,7 +19,7 @@ from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.identify import block_statistics, physical_consistency
 from inertiad.identify import two_step as paper
-from inertiad.robot import systematic
+from inertiad.robot import configuration, systematic
 from inertiad.robot.configuration import prior, theta_of
 from inertiad.robot.description import Robot
 from inertiad.robot.keys import Nominal, inertia_matrix
@@ -31,6 +31,12 @@ AT_REST: Final = 0.9
 """of the windows: a run with more of them at rest shows no noise of motion"""
 NORMAL_BY_MEDIAN: Final = 1.4826
 """standard deviation of normal errors over the median of their sizes"""
+CORRELATED_LONG: Final = 8.0
+"""correlation time of residuals over the window's length: healthy windows, which overlap, have about one"""
+DRIFTS: Final = (30.0, 300.0)
+"""times the stated drift of the force offsets: the default walks an offset's sigma in three hours, 30 times that in 12 s"""
+DRIFT_FALLS: Final = 0.7
+"""of the noise: what a larger drift must leave to be believed"""
 WEAK_PRIOR: Final = 1e4
 """factor on the prior sigmas where there is to be no prior"""
 LAG: Final = 4
@@ -94,6 +100,41 @@ def batch(config: Any, recordings: list[Recording], **options: Any) -> dict[str,
     if not result["converged"] and _is_at_rest(result):
         result = _solve(config, recordings, **options | {"is_weight_learnt": False})
     return block_statistics.widened(recordings[0].robot, result)
+
+
+def correlation_time(result: dict[str, Any]) -> float:
+    """Of the residuals of the worst run, s."""
+    return float(max(f["correlation_time"] for f in result["fit"]))
+
+
+def is_correlated(robot: Robot, result: dict[str, Any]) -> bool:
+    """Residuals last longer than windows overlap."""
+    return correlation_time(result) > CORRELATED_LONG * robot.estimator.window_length
+
+
+def _noise(result: dict[str, Any]) -> float:
+    """Geometric mean of what residuals weigh in all channels of all runs."""
+    return float(np.exp(np.mean([np.log(f["noise_std"]) for f in result["fit"]])))
+
+
+def with_drift(recordings: list[Recording], result: dict[str, Any], **options: Any) -> dict[str, Any]:
+    """batch()'s result with a larger drift of the force offsets, in result["offset_drift"] [N/sqrt(s)], where that takes
+    noise away. Residuals that last long may come from it."""
+    robot = recordings[0].robot
+    stated, found = configuration.std(robot)["force_offset_drift"], result
+    if not result["converged"] or not is_correlated(robot, result):
+        return result
+    for factor in DRIFTS:
+        drift = factor * stated
+        std = robot.std.model_copy(update={"force_offset_drift": drift})
+        try:
+            tried = _solve(reader.config_of(robot.model_copy(update={"std": std}), robot.name), recordings, **options)
+        except InputError:
+            break
+        if not tried["converged"] or _noise(tried) > DRIFT_FALLS * _noise(found):
+            break
+        found = {**block_statistics.widened(robot, tried), "offset_drift": drift}
+    return found
 
 
 def _plain(config: Any, recordings: list[Recording]) -> dict[str, Any]:

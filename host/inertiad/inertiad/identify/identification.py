@@ -69,10 +69,19 @@ class Solved:
         return [part.recording for part in self.parts]
 
 
-def _solve(config: Any, parts: list[Part]) -> Solved:
+def _options(parts: list[Part]) -> dict[str, Any]:
     n_groups = 1 + max(part.group for part in parts)
-    options = {"group": [part.group for part in parts], "payload": [0.0] * n_groups}
-    return Solved(parts, fit.batch(config, [part.recording for part in parts], **options))
+    return {"group": [part.group for part in parts], "payload": [0.0] * n_groups}
+
+
+def _solve(config: Any, parts: list[Part]) -> Solved:
+    return Solved(parts, fit.batch(config, [part.recording for part in parts], **_options(parts)))
+
+
+def _follow_drift(solved: Solved) -> Solved:
+    """Force offsets that drift more than stated, where no other body explains what changes."""
+    result = fit.with_drift(solved.recordings, solved.result, **_options(solved.parts))
+    return solved if result is solved.result else Solved(solved.parts, result)
 
 
 def _changes(robot: Robot, solved: Solved) -> list[Change]:
@@ -221,7 +230,7 @@ def joint(
         return Identification(None, ordered([*mistakes, _no_body(error)]), [], [])
     if not mistakes:
         progress("look for changes")
-        solved = _follow_changes(robot, config, solved)
+        solved = _follow_drift(_follow_changes(robot, config, solved))
     segments = _segments(solved)
     found = findings.of_result(robot, config, solved.result, solved.recordings, solved.group)
     found = [*mistakes, *_payload_findings(segments), *_sensor_finding(solved), *found]

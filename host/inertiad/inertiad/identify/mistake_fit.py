@@ -42,7 +42,7 @@ ROWS_MAX: Final = 2_000
 """samples that are looked at, all runs together"""
 CHOSEN: Final = 3
 """mistakes of a kind that one law has to choose from"""
-FITTED: Final = 6
+FITTED: Final = 7
 """mistakes with free numbers that are fitted: those that promise the largest fall of the cost"""
 INDEPENDENT: Final = 0.2
 """share of the windows' equations that count while numbers are found: windows overlap, and errors outlast them"""
@@ -64,6 +64,7 @@ REFINED: Final = 0.15
 """of a number: step of the parabola through the joint fit's costs"""
 RIVAL: Final = 10.0
 """of the cost: a rival that is nearer than this may be the mistake as well"""
+MILD: Final = "give [align] delay_force if it is known; the fit takes it out of the forces"
 CORRECT: Final = "correct robot.toml or the wiring, then record or fit again"
 
 
@@ -427,4 +428,6 @@ def find(robot: Robot, recordings: list[Recording]) -> list[Finding]:
     doubt = f"; or {rival.mistake.says(rival.numbers)}" if rival.cost - best.cost < RIVAL else ""
     evidence = {"cost_fall": now.cost - best.cost, "rival": rival.mistake.kind, "rival_cost": rival.cost - best.cost}
     evidence |= {"residual_N": float(now.rms), "residual_without_N": float(best.rms), "numbers": numbers.tolist()}
-    return [Finding(best.mistake.kind, "stop", best.mistake.says(numbers) + falls + doubt, CORRECT, evidence)]
+    is_mild = "care" in (best.mistake.severity, rival.mistake.severity if doubt else "")
+    says = best.mistake.says(numbers) + falls + doubt
+    return [Finding(best.mistake.kind, "care" if is_mild else "stop", says, MILD if is_mild else CORRECT, evidence)]

@@ -8,12 +8,13 @@ such as the pulley's radius; mistake_fit.py finds it.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from inertiad.base import units
+from inertiad.base.finding import Severity
 from inertiad.base.table import Array
 from inertiad.robot import configuration
 from inertiad.robot.description import Robot
@@ -71,6 +72,8 @@ class Mistake:
     """that robot.toml declares of each number: what is within four of them is no mistake"""
     limit: float = np.inf
     """largest number that makes sense"""
+    severity: Severity = "stop"
+    """care: the joint fit takes it out by itself"""
     law: str = ""
     """kinematics or rotation: the law by which the best few of the kind are chosen first"""
 
@@ -90,6 +93,16 @@ def about_z(angle: float) -> Array:
 def earlier(t: Array, x: Array, delay: float) -> Array:
     """The samples of a signal that came too late by a delay [s]."""
     return np.column_stack([np.interp(t + delay, t, column) for column in x.T])
+
+
+BESSEL: Final = 14.0
+"""half the variance of a Bessel low-pass of order 4 is its delay squared over this"""
+
+
+def before_lowpass(t: Array, x: Array, delay: float) -> Array:
+    """The samples of a signal that a Bessel low-pass of this delay [s] has smoothed, to second order."""
+    curvature = np.gradient(np.gradient(x, t, axis=0), t, axis=0)
+    return earlier(t, x - delay * abs(delay) / BESSEL * curvature, delay)
 
 
 def _with_cables(case: Case, update: Callable[[int], dict[str, Any]]) -> Case:
@@ -127,6 +140,13 @@ def _forces(robot: Robot) -> Iterator[Mistake]:
 
     words = "the forces look {:.4f} s late"
     yield Mistake("force_delay", words, delay, (1e-3,), (0.0,), robot.std.force_delay, 0.3)
+
+    def smooth(case: Case, x: Array) -> Case:
+        return case.each(lambda run: replace(run, f=before_lowpass(run.t, run.f, x[0])))
+
+    words = "the forces look smoothed by a low-pass that makes them {:.4f} s late"
+    std = robot.std.force_delay
+    yield Mistake("force_lowpass", words, smooth, (1e-3,), (0.0,), std, 0.1, severity="care")
     words = "a force of {:.3g}, {:.3g}, {:.3g} N (world axes) acts on the platform that no cable gives"
     yield Mistake("external_force", words, lambda case, x: replace(case, extra=x), (1.0,) * 3, (0.0,) * 3)
 

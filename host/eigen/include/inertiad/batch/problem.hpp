@@ -244,13 +244,13 @@ struct Problem {
     }
 
     /// Prior sigma of xi i for the next step: as in the last, or, as on the platform, what the data alone say where the
-    /// prior makes the estimate of a delay, place, friction or external force implausible (ipe_filter_states_widen()).
+    /// prior makes the estimate of a delay, low-pass, place, friction or external force implausible (ipe_filter_states_widen()).
     double prior_std(int i) const
     {
-        const bool is_delay = i >= IPE_XI_POSITION_DELAY && i <= IPE_XI_ATTITUDE_DELAY;
+        const bool is_delay = (i >= IPE_XI_POSITION_DELAY && i <= IPE_XI_ATTITUDE_DELAY) || i == IPE_XI_FORCE_LOWPASS;
         const bool is_place = i >= IPE_XI_IMU_POSITION && i < IPE_XI_ACC_SCALE;
         const bool is_friction = i >= IPE_XI_FORCE + 2 * config.n_cables();
-        const bool is_external = i >= IPE_XI_EXTERNAL_FORCE && i < IPE_XI_FORCE;
+        const bool is_external = i >= IPE_XI_EXTERNAL_FORCE && i < IPE_XI_FORCE_LOWPASS;
         const bool is_unsure = is_delay || is_place || is_friction || is_external;
         const Eigen::Index at = place(i);
         if (!is_unsure || P.size() == 0 || at < 0) { return std_xi[i]; }
