@@ -19,7 +19,8 @@ static_assert(IPE_XI_FORCE == IPE_XI_FORCE_LOWPASS + 1, "the table and the numbe
 #define CABLE_INERTIA_STD \
     0.5  // share: chosen so that cables without inertia, and at half their first mode, are 2 sigma off
 
-#define FORCE_LOWPASS_STD 2e-5  // s2: of a Bessel filter of 20 Hz and order 4, (delay)^2/14; chosen as what amplifiers have
+#define FORCE_LOWPASS_STD \
+    2e-5  // s2: of a Bessel filter of 20 Hz and order 4, (delay)^2/14; chosen as what amplifiers have
 
 #define KIND(name, unit, count, count_per_cable, field, is_ahrs_only) \
     {name, unit, count, count_per_cable, offsetof(ipe_config_t, field), is_ahrs_only}

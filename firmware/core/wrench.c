@@ -7,7 +7,9 @@
 
 #define REST_SPEED 0.015  // m/s, below which friction fades with the speed: chosen as the error of the speeds
 #define REACH 2e-3        // m of travel over which friction turns: chosen as measured on steel cables on pulleys
-#define LONGEST_GAP 0.5   // s between rows over which friction is carried on
+#define REACH_TURN \
+    0.08  // rad: of a small pulley, which turns further within REACH; chosen so that 25 mm of radius make REACH
+#define LONGEST_GAP 0.5  // s between rows over which friction is carried on
 
 void ipe_wrench_init(ipe_wrench_stage_t* w, const ipe_config_t* config)
 {
@@ -58,6 +60,13 @@ ipe_status_t ipe_wrench_matrix(const ipe_config_t* config, const double p[3], co
     return IPE_OK;
 }
 
+/// m of travel over which the friction of a cable turns.
+static double friction_reach(const ipe_cable_t* cable)
+{
+    const double turned = REACH_TURN * cable->pulley_radius;
+    return turned > 0.0 && turned < REACH ? turned : REACH;
+}
+
 /// Tensions with the sign of the cables' travel; the first three rows of W are the cables' directions.
 static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* motion,
                         const double W[IPE_NY][IPE_CABLES_MAX], ipe_wrench_t* wrench)
@@ -72,7 +81,8 @@ static void friction_of(ipe_wrench_stage_t* w, double dt, const ipe_motion_t* mo
             -(W[0][i] * (v[0] + turning[0]) + W[1][i] * (v[1] + turning[1]) + W[2][i] * (v[2] + turning[2]));
         const double square = speed * speed, moving = square / (square + w->rest_speed * w->rest_speed);
         const double travel = fabs(speed) * dt * moving;
-        w->friction[i] += travel / (travel + REACH) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);
+        w->friction[i] +=
+            travel / (travel + friction_reach(&k->cable[i])) * ((speed > 0.0 ? 1.0 : -1.0) - w->friction[i]);
         wrench->friction[i] = wrench->f[i] * w->friction[i];
     }
 }

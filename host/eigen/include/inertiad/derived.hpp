@@ -201,7 +201,8 @@ inline SystematicColumns systematic_columns(const Config& config, Derived derive
     SystematicColumns X = systematic_columns(config, a, theta);
     for (int i = 0; i < config.n_cables(); ++i) {  // minus the column of a force offset is that of the measured force
         const auto at = static_cast<std::size_t>(i);
-        X.col(IPE_XI_FORCE_LOWPASS) += (1.0 + config.c().force_gain[i]) * window.f_curvature[at] * X.col(IPE_XI_FORCE + i);
+        X.col(IPE_XI_FORCE_LOWPASS) +=
+            (1.0 + config.c().force_gain[i]) * window.f_curvature[at] * X.col(IPE_XI_FORCE + i);
     }
     X.middleCols<3>(IPE_XI_ATTITUDE) += detail::turned_motion(derived, a, theta);
     if (derived.force) {

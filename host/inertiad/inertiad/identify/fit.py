@@ -35,7 +35,7 @@ CORRELATED_LONG: Final = 8.0
 """correlation time of residuals over the window's length: healthy windows, which overlap, have about one"""
 DRIFTS: Final = (30.0, 300.0)
 """times the stated drift of the force offsets: the default walks an offset's sigma in three hours, 30 times that in 12 s"""
-DRIFT_FALLS: Final = 0.7
+DRIFT_FALLS: Final = 0.5
 """of the noise: what a larger drift must leave to be believed"""
 WEAK_PRIOR: Final = 1e4
 """factor on the prior sigmas where there is to be no prior"""
@@ -118,8 +118,8 @@ def _noise(result: dict[str, Any]) -> float:
 
 
 def with_drift(recordings: list[Recording], result: dict[str, Any], **options: Any) -> dict[str, Any]:
-    """batch()'s result with a larger drift of the force offsets, in result["offset_drift"] [N/sqrt(s)], where that takes
-    noise away. Residuals that last long may come from it."""
+    """batch()'s result with a larger drift of the force offsets, in result["offset_drift"] [N/sqrt(s)], where what is
+    left are residuals that do not last. Other causes of such residuals leave some in spite of it."""
     robot = recordings[0].robot
     stated, found = configuration.std(robot)["force_offset_drift"], result
     if not result["converged"] or not is_correlated(robot, result):
@@ -131,7 +131,8 @@ def with_drift(recordings: list[Recording], result: dict[str, Any], **options: A
             tried = _solve(reader.config_of(robot.model_copy(update={"std": std}), robot.name), recordings, **options)
         except InputError:
             break
-        if not tried["converged"] or _noise(tried) > DRIFT_FALLS * _noise(found):
+        falls = _noise(tried) < DRIFT_FALLS * _noise(found)
+        if not tried["converged"] or not falls or is_correlated(robot, tried):
             break
         found = {**block_statistics.widened(robot, tried), "offset_drift": drift}
     return found

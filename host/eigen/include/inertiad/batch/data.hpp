@@ -28,7 +28,7 @@ struct BatchSettings {
     std::vector<bool> is_free;      ///< of each xi; empty: all
     double theta_prior = 1.0;       ///< factor on the prior sigmas of theta
     bool is_weight_learnt = true;   ///< V_run from the residuals; false: the configured covariance holds
-    int n_steps_max = 80;
+    int n_steps_max = 160;
 };
 
 /// What a group's data say about its body, about P.
