@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.signal
 
 import inertiad_core
 from inertiad.identify import diagnose
@@ -160,6 +161,16 @@ def test_every_mistake_of_the_table_is_named_first(kind: str) -> None:
     assert found and found[0].name == kind and words in found[0].says, found
     if kind in NUMBERS:
         assert found[0].evidence["numbers"] == pytest.approx([NUMBERS[kind]], rel=0.1)
+
+
+@pytest.mark.slow
+def test_forces_behind_a_low_pass_are_no_mistake_of_wiring() -> None:
+    """The joint fit takes a delay and a low-pass out of the forces: usable with care."""
+    run = reader.read(scenes.run(1000, "modern", 100.0, "fourier"))
+    sos = scipy.signal.bessel(4, 2.0, fs=100.0, norm="mag", output="sos")
+    smooth = scipy.signal.sosfilt(sos, run.rows.f - run.rows.f[0], axis=0) + run.rows.f[0]
+    found = diagnose.diagnose(run.robot, [_with(run, f=smooth)])
+    assert [(f.name, f.severity) for f in found] == [("force_lowpass", "care")]
 
 
 def test_rest_and_one_pose_are_named(good: Recording) -> None:

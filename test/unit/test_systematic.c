@@ -189,7 +189,7 @@ static void corrected_residual(int at, double xi, double e[IPE_NY])
     if (at == IPE_XI_CABLE_INERTIA) {
         for (int j = 0; j < IPE_NY; ++j) { a.y[j] += xi * a.cable_inertia[j]; }
     }
-    if (at >= IPE_XI_EXTERNAL_FORCE && at < IPE_XI_FORCE) {
+    if (at >= IPE_XI_EXTERNAL_FORCE && at < IPE_XI_FORCE_LOWPASS) {
         const bool is_spring = at >= IPE_XI_EXTERNAL_STIFFNESS;
         pull(at - (is_spring ? IPE_XI_EXTERNAL_STIFFNESS : IPE_XI_EXTERNAL_FORCE), xi, is_spring, &a);
     }
@@ -211,7 +211,7 @@ static void test_columns_equal_residuals_of_a_corrected_calibration(void)
 
     TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_systematic_columns(&config, &a, theta, X));  // when
 
-    TEST_ASSERT_EQUAL_INT(31 + 3 * 8, n);
+    TEST_ASSERT_EQUAL_INT(32 + 3 * 8, n);
     for (int at = 0; at < n; ++at) {  // then
         const double h = 1e-4;
         corrected_residual(at, h, plus);
@@ -235,11 +235,11 @@ static void test_std_are_the_configured_ones_in_order(void)
     config.std_gyro_scale = 11.0, config.std_gyro_bias = 12.0, config.std_force_offset = 13.0;
     config.std_force_gain = 14.0, config.std_friction = 15.0;
     config.std_external_force = 16.0, config.std_external_stiffness = 17.0;
-    ipe_systematic_std(&config, std);                                                                     // when
-    const double expected[] = {1,  1,  1,  2,  3,  3,   3,  4,  4,  4,  5,  6,  7,  8,  8,  8,  9,  9, 9,
-                               10, 11, 12, 12, 12, 0.5, 16, 16, 16, 17, 17, 17, 13, 13, 14, 14, 15, 15};  // then
-    TEST_ASSERT_EQUAL_INT(37, ipe_systematic_count(2));
-    for (int i = 0; i < 37; ++i) { TEST_ASSERT_EQUAL_DOUBLE(expected[i], std[i]); }
+    ipe_systematic_std(&config, std);                                                                           // when
+    const double expected[] = {1,  1,  1,  2,  3,  3,   3,  4,  4,  4,  5,  6,  7,    8,  8,  8,  9,  9,  9,
+                               10, 11, 12, 12, 12, 0.5, 16, 16, 16, 17, 17, 17, 2e-5, 13, 13, 14, 14, 15, 15};  // then
+    TEST_ASSERT_EQUAL_INT(38, ipe_systematic_count(2));
+    for (int i = 0; i < 38; ++i) { TEST_ASSERT_EQUAL_DOUBLE(expected[i], std[i]); }
 }
 
 static void test_std_of_what_the_robot_cannot_have_are_zero(void)
@@ -277,12 +277,13 @@ static void test_table_lies_as_the_indices_say(void)
                     {"cable_inertia", IPE_XI_CABLE_INERTIA},
                     {"external_force", IPE_XI_EXTERNAL_FORCE},
                     {"external_stiffness", IPE_XI_EXTERNAL_STIFFNESS},
+                    {"force_lowpass", IPE_XI_FORCE_LOWPASS},
                     {"force_offset", IPE_XI_FORCE},
                     {"force_gain", IPE_XI_FORCE + 8},
                     {"friction", IPE_XI_FORCE + 16}};
     int n, first = 0;
     const ipe_systematic_kind_t* kinds = ipe_systematic_table(&n);  // when, of 8 cables
-    TEST_ASSERT_EQUAL_INT(18, n);                                   // then
+    TEST_ASSERT_EQUAL_INT(19, n);                                   // then
     for (int k = 0; k < n; ++k) {
         TEST_ASSERT_EQUAL_STRING(expected[k].name, kinds[k].name);
         TEST_ASSERT_EQUAL_INT(expected[k].first, first);
@@ -302,43 +303,25 @@ static void test_columns_impossible_pose_is_refused(void)
 
 static void test_systematic_name_of_each_parameter(void)
 {
-    static const char* const EXPECTED[] = {"attitude_bias_x",
-                                           "attitude_bias_y",
-                                           "attitude_bias_z",
-                                           "world_yaw",
-                                           "acc_bias_x",
-                                           "acc_bias_y",
-                                           "acc_bias_z",
-                                           "imu_alignment_x",
-                                           "imu_alignment_y",
-                                           "imu_alignment_z",
-                                           "position_delay",
-                                           "force_delay",
-                                           "attitude_delay",
-                                           "imu_position_x",
-                                           "imu_position_y",
-                                           "imu_position_z",
-                                           "tracker_target_x",
-                                           "tracker_target_y",
-                                           "tracker_target_z",
-                                           "acc_scale",
-                                           "gyro_scale",
-                                           "gyro_bias_x",
-                                           "gyro_bias_y",
-                                           "gyro_bias_z",
-                                           "cable_inertia",
-                                           "external_force_x",
-                                           "external_force_y",
-                                           "external_force_z",
-                                           "external_stiffness_x",
-                                           "external_stiffness_y",
-                                           "external_stiffness_z",
-                                           "force_offset_1",
-                                           "force_offset_2",
-                                           "force_gain_1",
-                                           "force_gain_2",
-                                           "friction_1",
-                                           "friction_2"};
+    static const char* const EXPECTED[] = {"attitude_bias_x",      "attitude_bias_y",
+                                           "attitude_bias_z",      "world_yaw",
+                                           "acc_bias_x",           "acc_bias_y",
+                                           "acc_bias_z",           "imu_alignment_x",
+                                           "imu_alignment_y",      "imu_alignment_z",
+                                           "position_delay",       "force_delay",
+                                           "attitude_delay",       "imu_position_x",
+                                           "imu_position_y",       "imu_position_z",
+                                           "tracker_target_x",     "tracker_target_y",
+                                           "tracker_target_z",     "acc_scale",
+                                           "gyro_scale",           "gyro_bias_x",
+                                           "gyro_bias_y",          "gyro_bias_z",
+                                           "cable_inertia",        "external_force_x",
+                                           "external_force_y",     "external_force_z",
+                                           "external_stiffness_x", "external_stiffness_y",
+                                           "external_stiffness_z", "force_lowpass",
+                                           "force_offset_1",       "force_offset_2",
+                                           "force_gain_1",         "force_gain_2",
+                                           "friction_1",           "friction_2"};
     char name[IPE_SYSTEMATIC_NAME_MAX];
     TEST_ASSERT_EQUAL(sizeof EXPECTED / sizeof EXPECTED[0], ipe_systematic_count(2));
     for (int i = 0; i < ipe_systematic_count(2); ++i) {

@@ -163,6 +163,48 @@ static void test_from_row_impossible_pose_is_refused_and_counted(void)
     TEST_ASSERT_EQUAL_UINT64(0, stage.n_rows);
 }
 
+/// State of cable 1's friction after `travel` [m] of rising at `speed` [m/s] from rest.
+static double friction_after(double travel, double speed)
+{
+    const double dt = 1e-3;
+    double z = 0.0;
+    (void)run();
+    motion.v[2] = speed;
+    for (int k = 1; k * dt * speed < travel; ++k) {
+        row.t_ns = (int64_t)llround(1e9 * k * dt);
+        TEST_ASSERT_EQUAL_INT(IPE_OK, ipe_wrench_from_row(&stage, &row, &motion, &wrench));
+        z = wrench.friction[0] / wrench.f[0];
+    }
+    return z;
+}
+
+static void test_friction_of_a_small_pulley_turns_sooner(void)
+{
+    double z[2];
+    const double radius[] = {0.05, 0.006};  // given
+    for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 8; ++k) { config.cable[k].pulley_radius = radius[i]; }
+        z[i] = friction_after(2e-3, 0.2);        // when
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.2, -0.3, z[0]);  // then: drawn in, part of it by then
+    TEST_ASSERT_TRUE(z[1] < -0.7);
+}
+
+static void test_friction_follows_slower_speeds_where_the_error_of_speed_is_less(void)
+{
+    double z[2];
+    z[0] = friction_after(2e-3, 0.01);  // given: the platform's
+    (void)run();
+    stage.rest_speed = 1e-3;            // and less
+    motion.v[2] = 0.01;
+    for (int k = 1; k <= 200; ++k) {    // when
+        row.t_ns = 1000000 * k;
+        (void)ipe_wrench_from_row(&stage, &row, &motion, &wrench);
+    }
+    z[1] = wrench.friction[0] / wrench.f[0];
+    TEST_ASSERT_TRUE(z[1] < 1.5 * z[0]);  // then
+}
+
 static void test_matrix_is_the_change_of_cable_lengths(void)
 {
     const double p[3] = {0.4, -0.3, 2.1}, rpy[3] = {0.2, -0.3, 0.5}, zero[3] = {0.0, 0.0, 0.0}, h = 1e-6;  // given
@@ -202,6 +244,8 @@ int main(void)
     RUN_TEST(test_from_row_imu_calibration_is_undone);
     RUN_TEST(test_from_row_slack_and_overload_are_counted_after_calibration);
     RUN_TEST(test_from_row_impossible_pose_is_refused_and_counted);
+    RUN_TEST(test_friction_of_a_small_pulley_turns_sooner);
+    RUN_TEST(test_friction_follows_slower_speeds_where_the_error_of_speed_is_less);
     RUN_TEST(test_matrix_is_the_change_of_cable_lengths);
     return UNITY_END();
 }

@@ -640,7 +640,7 @@ NB_MODULE(inertiad_core, m)
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
         .def_prop_ro("R", &Windows::R, nb::rv_policy::move, "[M,3,3] P to W in the windows' middles")
-        .def("X", &Windows::X, "theta"_a, "[M,6,31+3m]");
+        .def("X", &Windows::X, "theta"_a, "[M,6,32+3m]");
     m.def(
         "systematic_std",
         [](const inertiad::Config& config) {
@@ -650,7 +650,7 @@ NB_MODULE(inertiad_core, m)
             std::copy_n(std, out.shape[0], out.data);
             return out.release();
         },
-        "config"_a, "One sigma [31+3m] of each systematic parameter. systematic.h");
+        "config"_a, "One sigma [32+3m] of each systematic parameter. systematic.h");
     m.def(
         "systematic_table", systematic_table, "n_cables"_a,
         "(name, SI unit, first index, count, whether per cable) of each kind of systematic parameter, in the order of "

@@ -198,10 +198,10 @@ class Windows:
         """[M,3,3] P to W in the windows' middles"""
 
     def X(self, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]) -> NDArray[numpy.float64]:
-        """[M,6,31+3m]"""
+        """[M,6,32+3m]"""
 
 def systematic_std(config: Config) -> NDArray[numpy.float64]:
-    """One sigma [31+3m] of each systematic parameter. systematic.h"""
+    """One sigma [32+3m] of each systematic parameter. systematic.h"""
 
 def systematic_table(n_cables: int) -> list[tuple[str, str, int, int, bool]]:
     """
@@ -275,11 +275,11 @@ def undelayed(rows: Rows, position_delay: float, force_delay: float) -> Rows:
 
 def corrected_rows(config: Config, rows: Rows, xi: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')]) -> Rows:
     """
-    Rows for the configuration with corrections xi [31+3m]: delays taken out, derived motion as attitude has it.
+    Rows for the configuration with corrections xi [32+3m]: delays taken out, derived motion as attitude has it.
     """
 
 def calibrated(config: Config, xi: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C')]) -> Config:
-    """The configuration with corrections xi [31+3m]."""
+    """The configuration with corrections xi [32+3m]."""
 
 def batch(config: Config, runs: Sequence[Rows], group: Sequence[int], payload: Sequence[float], is_payload_known: bool = False, payload_std: float = 0.01, is_free: Sequence[bool] = [], theta_prior: float = 1.0, is_weight_learnt: bool = True) -> dict:
     """

@@ -373,14 +373,14 @@ void bind_batch(nb::module_& m)
             return Rows{inertiad::corrected_rows(config, corrected, xi, r.row, r.derived), r.n_cables, r.derived};
         },
         "config"_a, "rows"_a, "xi"_a,
-        "Rows for the configuration with corrections xi [31+3m]: delays taken out, derived motion as attitude has it.");
+        "Rows for the configuration with corrections xi [32+3m]: delays taken out, derived motion as attitude has it.");
     m.def(
         "calibrated",
         [](const inertiad::Config& config, const Eigen::VectorXd& xi) {
             require_xi(config, xi);
             return inertiad::calibrated(config, xi);
         },
-        "config"_a, "xi"_a, "The configuration with corrections xi [31+3m].");
+        "config"_a, "xi"_a, "The configuration with corrections xi [32+3m].");
     m.def(
         "batch", &solve, "config"_a, "runs"_a, "group"_a, "payload"_a, "is_payload_known"_a = false,
         "payload_std"_a = 0.01, "is_free"_a = std::vector<bool>{}, "theta_prior"_a = 1.0, "is_weight_learnt"_a = true,

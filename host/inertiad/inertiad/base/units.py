@@ -42,6 +42,7 @@ _OF_NAME: Final = (
     (r"[xyz]|(pos|cog|imu_position|tracker_target)_[xyz]", "m"),
     (r"f_\d+|force_offset_\d+|external_force_[xyz]", "N"),
     (r"external_stiffness_[xyz]", "N/m"),
+    (r"force_lowpass", "s2"),
     (r"mass", "kg"),
     (r"inertia_cog_[xyz]{2}", "kg m2"),
     (r"q_[wxyz]|(force_gain|friction)_\d+|(acc|gyro)_scale|cable_inertia|consistent|valid|distance|nis|n_\w+", "1"),

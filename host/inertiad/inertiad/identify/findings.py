@@ -17,7 +17,7 @@ from inertiad.base.table import Array
 from inertiad.identify import block_statistics, fit
 from inertiad.identify.block_statistics import BLOCKS_MIN, Copies, Indices
 from inertiad.identify.fit import Estimate
-from inertiad.robot import configuration, systematic
+from inertiad.robot import systematic
 from inertiad.robot.configuration import platform_size
 from inertiad.robot.description import Robot
 from inertiad.run.reader import Recording
@@ -59,6 +59,7 @@ SEPARATES: Final = {
     "world_yaw": "add motion along both horizontal axes, or align the tracker's frame with the IMU's",
     "position_delay": "add faster motion; synchronise the tracker with the bus",
     "force_delay": "add faster motion; give the force frames their device time",
+    "force_lowpass": "add faster motion; switch the amplifiers' filters to a higher frequency",
     "gyro_bias": "let the platform rest for some seconds in every run",
     "attitude_delay": "turn the platform faster; give the attitude frames their device time",
     "imu_position": "turn the platform faster about all axes; measure where the IMU sits on it",
@@ -181,19 +182,6 @@ def _misfit(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
     if causes:
         says = f"unexplained misfit of {force:.3g} N and {moment:.3g} N m: {', '.join(causes)}; sigma is widened for it"
         yield Finding("misfit", "care", says, do, evidence)
-
-
-def _drift(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
-    drift = result.get("offset_drift")
-    if drift is None:
-        return
-    stated = configuration.std(robot)["force_offset_drift"]
-    says = (
-        f"the force sensors' offsets drift: by {drift:.2g} N in a second and the root of time, where [std] "
-        f"force_offset_drift states {stated:.2g}; they are followed"
-    )
-    do = "let the force sensors warm up, look at their temperature, or state [std] force_offset_drift in robot.toml"
-    yield Finding("force_offset_drift", "care", says, do, {"drift": drift, "stated": stated})
 
 
 def _few_blocks(result: dict[str, Any]) -> Iterator[Finding]:
@@ -436,7 +424,7 @@ def of_result(
     bodies = [0] * len(recordings) if group is None else group
     found = [*_convergence(robot, result)]
     if not found:
-        found += [*_drift(robot, result), *_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
+        found += [*_misfit(robot, result), *_few_blocks(result), *_forces(config, result, recordings, bodies)]
     found += [*_runs(robot, config, result, recordings, bodies)]  # may be why there is no convergence
     found += [*_possible(result), *_corrections(robot, result)]
     found += [*_observability(result), *_confounded(robot, result)]

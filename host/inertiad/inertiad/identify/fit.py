@@ -34,7 +34,7 @@ NORMAL_BY_MEDIAN: Final = 1.4826
 CORRELATED_LONG: Final = 8.0
 """correlation time of residuals over the window's length: healthy windows, which overlap, have about one"""
 DRIFTS: Final = (30.0, 300.0)
-"""times the stated drift of the force offsets: the default walks an offset's sigma in three hours, 30 times that in 12 s"""
+"""times the stated drift of the force offsets: 30 times the default walks an offset's sigma in 12 s"""
 DRIFT_FALLS: Final = 0.5
 """of the noise: what a larger drift must leave to be believed"""
 WEAK_PRIOR: Final = 1e4
@@ -60,7 +60,7 @@ class Estimate:
     distance: float = 0.0
     """Mahalanobis distance squared from the data's optimum to the published body"""
     xi: Array | None = None
-    """corrections [24 + 3m] to the calibration in robot.toml"""
+    """corrections [32 + 3m] to the calibration in robot.toml"""
     xi_std: Array | None = None
     n_windows: int = 0
     rms: Array = field(default_factory=lambda: np.zeros(6))

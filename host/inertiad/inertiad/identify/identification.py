@@ -19,6 +19,7 @@ from inertiad.base.finding import Finding, ordered, verdict
 from inertiad.identify import block_statistics, diagnose, findings, fit
 from inertiad.identify.block_statistics import Change
 from inertiad.identify.fit import Estimate, NoBodyError, Segment, Validation
+from inertiad.robot import configuration
 from inertiad.robot.description import Robot
 from inertiad.run import reader
 from inertiad.run.reader import Recording
@@ -204,6 +205,19 @@ def _sensor_finding(solved: Solved) -> list[Finding]:
     return [Finding("segments_disagree", "care", says, do, evidence)]
 
 
+def _drift_finding(robot: Robot, solved: Solved) -> list[Finding]:
+    drift = solved.result.get("offset_drift")
+    if drift is None:
+        return []
+    stated = configuration.std(robot)["force_offset_drift"]
+    says = (
+        f"the force sensors' offsets drift by {drift:.2g} N/sqrt(s), more than the {stated:.2g} that [std] "
+        "force_offset_drift states; the fit follows them"
+    )
+    do = "let the force sensors warm up, look at their temperature, or state [std] force_offset_drift in robot.toml"
+    return [Finding("force_offset_drift", "care", says, do, {"drift": drift, "stated": stated})]
+
+
 @dataclass(frozen=True)
 class Identification:
     """What a method says about runs, judged."""
@@ -233,7 +247,7 @@ def joint(
         solved = _follow_drift(_follow_changes(robot, config, solved))
     segments = _segments(solved)
     found = findings.of_result(robot, config, solved.result, solved.recordings, solved.group)
-    found = [*mistakes, *_payload_findings(segments), *_sensor_finding(solved), *found]
+    found = [*mistakes, *_payload_findings(segments), *_sensor_finding(solved), *_drift_finding(robot, solved), *found]
     estimate = fit.of_batch("joint", solved.result, solved.group[-1])
     return Identification(estimate, ordered(found), segments, [], solved.result)
 
