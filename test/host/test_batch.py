@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.signal
+import scipy.ndimage
 
 import inertiad_core
 from inertiad.identify import fit, identification
@@ -62,26 +62,23 @@ def _errors(run: Recording, result: dict[str, object]) -> np.ndarray:
 
 
 def test_forces_behind_a_low_pass_are_taken_back(recording: Recording) -> None:
-    """A Bessel filter of 3 Hz: late by 0.11 s, and a motion of 0.5 Hz looks 1.8 % smaller."""
-    rows, groups = recording.rows, systematic.groups(recording.robot.n_cables)
-    at = {g.name: g.first for g in groups}
-    sos = scipy.signal.bessel(4, 3.0, fs=100.0, norm="mag", output="sos")
-    smooth = scipy.signal.sosfilt(sos, rows.f - rows.f[0], axis=0) + rows.f[0]
+    """Smoothed by a Gaussian of 35 ms; without that unknown moments of inertia are up to 0.8 kg m2 off, 3.4 sigma."""
+    smooth = scipy.ndimage.gaussian_filter1d(recording.rows.f, 3.5, axis=0, mode="nearest")
     result = _fit(_with_forces(recording, smooth))
-    delay = 2.114 / (2.0 * np.pi * 3.0)  # s, of order 4
+    at = systematic.group("force_lowpass", recording.robot.n_cables).first
+    found, std = np.array(result["xi"])[at], np.array(result["xi_std"])[at]
     assert result["converged"]
-    xi, std = np.array(result["xi"]), np.array(result["xi_std"])
-    assert xi[at["force_delay"]] == pytest.approx(delay, abs=2e-3)
-    assert abs(xi[at["force_lowpass"]] - delay**2 / 14.0) < 4.0 * std[at["force_lowpass"]]
-    assert std[at["force_lowpass"]] < 0.2 * delay**2 / 14.0
-    assert _errors(recording, result).max() < 3.5
+    assert abs(found - 0.5 * 0.035**2) < 3.0 * std and std < 0.2 * found
+    assert _errors(recording, result).max() < 2.0
+    body, truth = fit.of_batch("joint", result).body, scenes.truth(recording.path)
+    assert np.abs(np.subtract(body.value, truth)[4:7]).max() < 0.2
 
 
 def test_offsets_that_drift_more_than_stated_are_followed(recording: Recording) -> None:
     rows = recording.rows
     sign = np.random.default_rng(3).choice([-1.0, 1.0], rows.f.shape[1])
     t = rows.t - rows.t[0]
-    run = _with_forces(recording, rows.f + np.outer(30.0 / t[-1] * t, sign))
+    run = _with_forces(recording, rows.f + np.outer(5.0 / t[-1] * t, sign))
     before = _fit(run)
     after = fit.with_drift([run], before, group=[0], payload=[0.0])
     assert "offset_drift" in after and "offset_drift" not in before
@@ -89,7 +86,7 @@ def test_offsets_that_drift_more_than_stated_are_followed(recording: Recording) 
     done = identification.joint(run.robot, reader.config_of(run.robot, "test"), [run], [])
     assert ("force_offset_drift", "care") in [(f.name, f.severity) for f in done.findings]
     body = [fit.of_batch("joint", result).body.std for result in (before, after)]
-    assert np.median(np.divide(*body)) > 1.5
+    assert np.median(np.divide(*body)) > 10.0  # sigma of misfit, as wide as the prior, against that of drift
 
 
 def test_a_healthy_run_is_solved_once(recording: Recording) -> None:

@@ -184,10 +184,10 @@ static void test_friction_of_a_small_pulley_turns_sooner(void)
     const double radius[] = {0.05, 0.006};  // given
     for (int i = 0; i < 2; ++i) {
         for (int k = 0; k < 8; ++k) { config.cable[k].pulley_radius = radius[i]; }
-        z[i] = friction_after(2e-3, 0.2);        // when
+        z[i] = friction_after(2e-3, 0.2);           // when
     }
-    TEST_ASSERT_DOUBLE_WITHIN(0.2, -0.3, z[0]);  // then: drawn in, part of it by then
-    TEST_ASSERT_TRUE(z[1] < -0.7);
+    TEST_ASSERT_TRUE(z[0] < -0.05 && z[0] > -0.5);  // then: drawn in, part of it by then
+    TEST_ASSERT_TRUE(z[1] < 1.8 * z[0]);
 }
 
 static void test_friction_follows_slower_speeds_where_the_error_of_speed_is_less(void)

@@ -121,21 +121,19 @@ def with_drift(recordings: list[Recording], result: dict[str, Any], **options: A
     """batch()'s result with a larger drift of the force offsets, in result["offset_drift"] [N/sqrt(s)], where what is
     left are residuals that do not last. Other causes of such residuals leave some in spite of it."""
     robot = recordings[0].robot
-    stated, found = configuration.std(robot)["force_offset_drift"], result
     if not result["converged"] or not is_correlated(robot, result):
         return result
+    stated = configuration.std(robot)["force_offset_drift"]
     for factor in DRIFTS:
-        drift = factor * stated
-        std = robot.std.model_copy(update={"force_offset_drift": drift})
+        std = robot.std.model_copy(update={"force_offset_drift": factor * stated})
         try:
             tried = _solve(reader.config_of(robot.model_copy(update={"std": std}), robot.name), recordings, **options)
         except InputError:
-            break
-        falls = _noise(tried) < DRIFT_FALLS * _noise(found)
-        if not tried["converged"] or not falls or is_correlated(robot, tried):
-            break
-        found = {**block_statistics.widened(robot, tried), "offset_drift": drift}
-    return found
+            continue
+        falls = _noise(tried) < DRIFT_FALLS * _noise(result)
+        if tried["converged"] and falls and not is_correlated(robot, tried):
+            return {**block_statistics.widened(robot, tried), "offset_drift": factor * stated}
+    return result
 
 
 def _plain(config: Any, recordings: list[Recording]) -> dict[str, Any]:
