@@ -146,7 +146,7 @@ def _forces(robot: Robot) -> Iterator[Mistake]:
 
     words = "the forces look smoothed by a low-pass that makes them {:.4f} s late"
     std = robot.std.force_delay
-    yield Mistake("force_lowpass", words, smooth, (1e-3,), (0.0,), std, 0.1, severity="care")
+    yield Mistake("force_lowpass", words, smooth, (1e-3,), (0.0,), std, 0.3, severity="care")
     words = "a force of {:.3g}, {:.3g}, {:.3g} N (world axes) acts on the platform that no cable gives"
     yield Mistake("external_force", words, lambda case, x: replace(case, extra=x), (1.0,) * 3, (0.0,) * 3)
 
