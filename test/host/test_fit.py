@@ -27,7 +27,7 @@ TOP = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(TOP / "test/accept"))
 import scenes  # noqa: E402
 
-N_XI = 55
+N_XI = 56
 """systematic parameters of eight cables"""
 
 
