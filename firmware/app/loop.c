@@ -41,7 +41,7 @@ int loop_open(daemon_t* d)
         return daemon_refuse("event loop", strerror(errno));
     }
     watch(d, d->signal_fd, WAKE_SIGNAL, EPOLLIN);
-    watch(d, d->second_fd, WAKE_SECOND, EPOLLIN);
+    if (!d->replay.is_lock_step) { watch(d, d->second_fd, WAKE_SECOND, EPOLLIN); }  // whose result must not depend on it
     watch(d, d->pace_fd, WAKE_PACE, EPOLLIN);
     if (d->inbox.fd >= 0) { watch(d, d->inbox.fd, WAKE_LCM, EPOLLIN); }
     for (unsigned i = 0; i < d->n_interfaces; ++i) { watch_interface(d, i); }
@@ -90,6 +90,7 @@ static bool replay_item(daemon_t* d)
         if (wait_for_input(d, item.fd)) { return false; }
         ipe_replay_fill(&d->replay);
         return true;
+    case IPE_REPLAY_ANSWER: d->is_done = !ipe_publish_lock_step_answer(&d->publisher, d->data_ns); return true;
     case IPE_REPLAY_EARLY: wait_until(d, item.due_ns); return false;
     case IPE_REPLAY_END:
     default: d->is_done = true; return false;

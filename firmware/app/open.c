@@ -137,6 +137,23 @@ static int open_buses(daemon_t* d)
     return 0;
 }
 
+/// A simulator on stdin has as many buses as the signals need, and the positions.
+static int open_lock_step(daemon_t* d)
+{
+    if (ipe_lock_step_open(&d->replay.lock_step) != 0) { return daemon_refuse("--lock-step", strerror(errno)); }
+    d->replay.is_lock_step = true;
+    d->replay.has_tracker = d->config.position_source == IPE_POSITION_TRACKER;
+    d->option.n_buses = 1;
+    for (int i = 0; i < d->config.n_signals; ++i) {
+        const unsigned n = (unsigned)d->config.signal[i].bus + 1;
+        if (n > d->option.n_buses) { d->option.n_buses = n; }
+    }
+    for (unsigned i = 0; i < d->option.n_buses; ++i) { d->replay.bus[i].path = "stdin"; }
+    d->replay.n_buses = d->option.n_buses;
+    ipe_publish_lock_step(&d->publisher, &d->replay.lock_step);
+    return 0;
+}
+
 /// Frames gather for as long as was asked for, but not so long that a small receive buffer could run over.
 static void set_collecting(daemon_t* d)
 {
@@ -370,7 +387,10 @@ int daemon_open(daemon_t* d)
         return daemon_refuse("--estimate", reason);
     }
     if (open_signals(d) != 0) { return daemon_refuse("signals", strerror(errno)); }
-    if (check_buses(d) != 0 || open_buses(d) != 0 || open_lcm(d) != 0 || open_tracker(d) != 0) { return -1; }
+    if (d->option.is_lock_step ? open_lcm(d) != 0 || open_lock_step(d) != 0
+                               : check_buses(d) != 0 || open_buses(d) != 0 || open_lcm(d) != 0 || open_tracker(d) != 0) {
+        return -1;
+    }
     set_collecting(d);
     if (!daemon_can_use(d, &d->config, reason, sizeof reason)) { return daemon_refuse(d->option.config, reason); }
     if (d->option.checkpoint != NULL && open_checkpoint(d) != 0) { return -1; }

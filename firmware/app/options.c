@@ -22,6 +22,8 @@ static const char USAGE[] =
     "                                             1: as recorded; interface: take the frames of this one only\n"
     "  --tracker ADDRESS   positions of the tracked point: file:FILE, a CSV with the columns t,x,y,z; lcm (default): TRACKER\n"
     "                      messages of programs on this host; lcm:network: of other hosts, too\n"
+    "  --lock-step         for simulators: instead of --bus, --tracker and --lcm take frames and positions from stdin and\n"
+    "                      answer with the estimates on stdout; firmware/io/lock_step.h has the lines\n"
     "  --lcm URL           where to publish, none: nowhere; default udpm://239.255.76.67:7667?ttl=0\n"
     "  --lcm-prefix TEXT   of every channel; default INERTIAD_\n"
     "  --commands WHO      take commands from: off: nobody; local (default): programs on this host; network: other hosts, too\n"
@@ -106,6 +108,7 @@ static int take_option(options_t* o, int letter, const char* text)
     case 'k': o->checkpoint = optarg; return 0;
     case 'r': o->record = optarg; return 0;
     case 'e': o->estimate = optarg; return 0;
+    case 's': o->is_lock_step = true; return 0;
     case 'v': o->is_verbose = true; return 0;
     case ':': return usage_error(text, "needs a value");
     default: return usage_error(text, "unknown or ambiguous option");
@@ -136,6 +139,7 @@ options_result_t options_read(options_t* o, int argc, char** argv)
         {"estimate", required_argument, NULL, 'e'},
         {"checkpoint", required_argument, NULL, 'k'},
         {"collect", required_argument, NULL, 'g'},
+        {"lock-step", no_argument, NULL, 's'},
         {"rt", required_argument, NULL, 'R'},
         {"cpu", required_argument, NULL, 'C'},
         {"verbose", no_argument, NULL, 'v'},
@@ -156,6 +160,10 @@ options_result_t options_read(options_t* o, int argc, char** argv)
     }
     if (optind < argc) { return refuse(argv[optind], "belongs to no option"); }
     if (o->config == NULL) { return refuse("--config", "missing"); }
-    if (o->n_buses == 0) { return refuse("--bus", "missing"); }
+    if (o->is_lock_step && (o->n_buses > 0 || o->tracker != NULL)) {
+        return refuse("--lock-step", "stands for --bus and --tracker, which cannot be given as well");
+    }
+    if (o->is_lock_step) { o->lcm = "none"; }
+    if (o->n_buses == 0 && !o->is_lock_step) { return refuse("--bus", "missing"); }
     return OPTIONS_RUN;
 }

@@ -22,6 +22,7 @@ typedef struct {
     int cpu;                      ///< -1: any
     double collect;               ///< s
     bool is_verbose;
+    bool is_lock_step;            ///< a simulator on stdin and stdout instead of buses, tracker and LCM
     char* tracker;
     char* bus[IPE_BUSES_MAX];
     unsigned n_buses;

@@ -35,7 +35,7 @@ static bool is_good_prefix(const char* prefix)
 static void name_channels(ipe_publish_t* p, const char* prefix)
 {
     static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",  "SIGNALS", "ESTIMATE", "HEALTH",  "EVENT",
-                                                        "HOST", "ORDER",   "TRACKER",  "COMMAND", "CONFIG"};
+                                                        "HOST", "ORDER",   "TRACKER",  "COMMAND", "CONFIG", "ANSWER"};
     for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
         (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
     }
@@ -71,9 +71,20 @@ void ipe_publish_record(ipe_publish_t* p, ipe_record_t* record)
     p->record = record;
 }
 
+void ipe_publish_lock_step(ipe_publish_t* p, ipe_lock_step_t* lock_step)
+{
+    p->lock_step = lock_step;
+}
+
+bool ipe_publish_lock_step_answer(ipe_publish_t* p, int64_t t_ns)
+{
+    ipe_lock_step_put(p->lock_step, p->channel[IPE_PUBLISH_ANSWER], t_ns, NULL, 0);
+    return ipe_lock_step_send(p->lock_step);
+}
+
 static bool is_on(const ipe_publish_t* p)
 {
-    return p->lcm != NULL || p->record != NULL;
+    return p->lcm != NULL || p->record != NULL || p->lock_step != NULL;
 }
 
 void ipe_publish_received(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, const uint8_t* data, size_t n)
@@ -100,6 +111,10 @@ static bool send(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, 
 {
     p->sequence[channel]++;
     if (n >= 0 && p->record != NULL) { ipe_record_push(p->record, p->channel[channel], t_ns, p->bytes, (size_t)n); }
+    const bool is_answered = channel == IPE_PUBLISH_ESTIMATE || channel == IPE_PUBLISH_EVENT;
+    if (n >= 0 && p->lock_step != NULL && is_answered) {
+        ipe_lock_step_put(p->lock_step, p->channel[channel], t_ns, p->bytes, (size_t)n);
+    }
     return p->lcm == NULL ? n >= 0 : send_bytes(p, channel, p->bytes, n);
 }
 

@@ -5,8 +5,8 @@
 /// time, HEALTH, EVENT, HOST. Channels carry a prefix, "INERTIAD_". Messages are encoded into a static buffer, so publishing
 /// allocates nothing. A message that cannot be sent is counted and dropped; publishing never waits. With a recorder every
 /// message goes into its queue as well, and so do the messages from others that are used (inbox.h).
-/// 360 KB of state, caller-allocated, one thread. Without LCM (url "none") and without a recorder every call succeeds and
-/// has no effect.
+/// 360 KB of state, caller-allocated, one thread. Without LCM (url "none"), recorder and simulator every call succeeds
+/// and has no effect.
 #ifndef IPE_PUBLISH_H
 #define IPE_PUBLISH_H
 
@@ -16,6 +16,7 @@
 #include "findings.h"
 #include "histogram.h"
 #include "host_facts.h"
+#include "lock_step.h"
 #include "message.h"
 #include "pipeline.h"
 #include "record.h"
@@ -48,6 +49,7 @@ typedef enum {
     IPE_PUBLISH_TRACKER,  ///< in records only, as are those below
     IPE_PUBLISH_COMMAND,
     IPE_PUBLISH_CONFIG,
+    IPE_PUBLISH_ANSWER,   ///< to a simulator only: the end of an answer
     IPE_PUBLISH_COUNT
 } ipe_publish_channel_t;
 
@@ -74,6 +76,7 @@ typedef struct {
 typedef struct {
     lcm_t* lcm;                           ///< NULL: off
     ipe_record_t* record;                 ///< NULL: off
+    ipe_lock_step_t* lock_step;           ///< NULL: off
     char channel[IPE_PUBLISH_COUNT][IPE_PUBLISH_NAME_MAX];
     int64_t sequence[IPE_PUBLISH_COUNT];  ///< of the next message
     int n_cables;
@@ -118,6 +121,12 @@ int ipe_publish_open(ipe_publish_t* p, const char* url, const char* prefix, cons
 
 /// Let every message go into an open recorder as well; NULL: no longer.
 void ipe_publish_record(ipe_publish_t* p, ipe_record_t* record);
+
+/// Let every ESTIMATE and EVENT go into the answers to a simulator as well.
+void ipe_publish_lock_step(ipe_publish_t* p, ipe_lock_step_t* lock_step);
+
+/// End an answer and write it. False: nobody reads it.
+bool ipe_publish_lock_step_answer(ipe_publish_t* p, int64_t t_ns);
 
 /// Record a message of n bytes that was received from another program at host time t_ns; it is not sent.
 void ipe_publish_received(ipe_publish_t* p, ipe_publish_channel_t channel, int64_t t_ns, const uint8_t* data, size_t n);

@@ -52,7 +52,8 @@ static uint64_t get(const uint8_t* from, int n)
     return value;
 }
 
-static void put_header(uint8_t header[IPE_RECORD_HEADER], uint64_t number, int64_t t_us, size_t n_channel, size_t n)
+void ipe_record_put_header(uint8_t header[IPE_RECORD_HEADER], uint64_t number, int64_t t_us, size_t n_channel,
+                           size_t n)
 {
     put(header, SYNC, 4);
     put(header + 4, number, 8);
@@ -124,7 +125,7 @@ void ipe_record_push(ipe_record_t* r, const char* channel, int64_t t_ns, const u
         atomic_fetch_add(&r->n_full, 1);
         return;
     }
-    put_header(header, number, t_ns / 1000, n_channel, n);
+    ipe_record_put_header(header, number, t_ns / 1000, n_channel, n);
     head = copy_in(r, head, header, sizeof header);
     head = copy_in(r, head, channel, n_channel);
     head = copy_in(r, head, data, n);
@@ -193,7 +194,7 @@ static void append_check(ipe_record_t* r)
     const size_t n_channel = strlen(CHECK_CHANNEL);
     uint8_t* at = message + IPE_RECORD_HEADER + n_channel;
     if (r->file_bytes == r->checked_bytes) { return; }
-    put_header(message, r->last_number, r->last_us, n_channel, IPE_RECORD_CHECK);
+    ipe_record_put_header(message, r->last_number, r->last_us, n_channel, IPE_RECORD_CHECK);
     memcpy(message + IPE_RECORD_HEADER, CHECK_CHANNEL, n_channel);
     put(at, r->last_number, 8);
     put(at + 8, (uint64_t)r->last_us, 8);
@@ -221,7 +222,7 @@ static bool begin_file(ipe_record_t* r, int64_t t_us)
     const ipe_record_options_t* o = &r->option;
     const size_t n_channel = strlen(o->config_channel);
     const size_t n_start = IPE_RECORD_HEADER + n_channel;
-    put_header(start, r->last_number, t_us, n_channel, r->n_config);
+    ipe_record_put_header(start, r->last_number, t_us, n_channel, r->n_config);
     memcpy(start + IPE_RECORD_HEADER, o->config_channel, n_channel);
     struct iovec piece[2] = {{start, n_start}, {r->config, r->n_config}};
     r->file_begin_us = r->last_us = t_us;

@@ -79,6 +79,10 @@ typedef struct ipe_record {
     uint8_t queue[IPE_RECORD_QUEUE];
 } ipe_record_t;
 
+/// Write the header of a message: see above. t_us: data time, us; n: bytes of data.
+void ipe_record_put_header(uint8_t header[IPE_RECORD_HEADER], uint64_t number, int64_t t_us, size_t n_channel,
+                           size_t n);
+
 /// Open the file, move an earlier one aside, start the writer. Signals should be blocked: the thread inherits that.
 ///
 ///   message  out  one line on failure; size bytes, always terminated

@@ -53,8 +53,24 @@ static bool is_early(ipe_replay_t* r, int64_t t_ns, int64_t* due_ns)
     return *due_ns > now_ns;
 }
 
+static ipe_replay_status_t next_step(ipe_replay_t* r, ipe_replay_item_t* item)
+{
+    switch (ipe_lock_step_next(&r->lock_step)) {
+    case IPE_LOCK_STEP_FRAME:
+        item->frame = &r->lock_step.frame;
+        ipe_bus_count(&r->bus[item->frame->bus].counts, item->frame);
+        return IPE_REPLAY_FRAME;
+    case IPE_LOCK_STEP_POSITION: item->position = &r->lock_step.position; return IPE_REPLAY_POSITION;
+    case IPE_LOCK_STEP_ANSWER: return IPE_REPLAY_ANSWER;
+    case IPE_LOCK_STEP_WAIT: item->fd = r->lock_step.lines.fd; return IPE_REPLAY_WAIT;
+    case IPE_LOCK_STEP_END:
+    default: return IPE_REPLAY_END;
+    }
+}
+
 ipe_replay_status_t ipe_replay_next(ipe_replay_t* r, ipe_replay_item_t* item)
 {
+    if (r->is_lock_step) { return next_step(r, item); }
     const choice_t next = choose(r);
     if (next.status == IPE_SOURCE_END) { return IPE_REPLAY_END; }
     if (next.status == IPE_SOURCE_WAIT) {
@@ -74,6 +90,10 @@ ipe_replay_status_t ipe_replay_next(ipe_replay_t* r, ipe_replay_item_t* item)
 
 void ipe_replay_fill(ipe_replay_t* r)
 {
+    if (r->is_lock_step) {
+        ipe_lock_step_fill(&r->lock_step);
+        return;
+    }
     const choice_t next = choose(r);
     if (next.status != IPE_SOURCE_WAIT) { return; }
     if (next.source != NULL) {

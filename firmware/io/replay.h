@@ -3,11 +3,12 @@
 ///
 /// in: source_file and source_tracker_file; out: one frame or position at a time. At equal stamps a lower bus comes
 /// first and the tracker last, so the order depends on the files alone. All wait for an input that has nothing yet (a
-/// pipe), but not for one that has ended. No heap, one thread; one clock reading per item when paced, none otherwise.
+/// pipe), but not for one that has ended. Instead of all, a simulator may drive the daemon: lock_step.h. No heap, one thread; one clock reading per item when paced, none otherwise.
 #ifndef IPE_REPLAY_H
 #define IPE_REPLAY_H
 
 #include "types.h"
+#include "lock_step.h"
 #include "source_file.h"
 #include "source_tracker_file.h"
 
@@ -17,6 +18,7 @@ typedef enum {
     IPE_REPLAY_WAIT = 2,      ///< an input has nothing yet: ipe_replay_fill() when item->fd is readable
     IPE_REPLAY_EARLY = 3,     ///< the next item is due at item->due_ns
     IPE_REPLAY_END = 4,       ///< every input has ended
+    IPE_REPLAY_ANSWER = 5,    ///< a simulator waits for what was published
 } ipe_replay_status_t;
 
 typedef struct {
@@ -31,6 +33,8 @@ typedef struct {
     ipe_source_file_t bus[IPE_BUSES_MAX];
     bool has_tracker;
     ipe_source_tracker_file_t tracker;
+    bool is_lock_step;   ///< a simulator on stdin stands for all of them
+    ipe_lock_step_t lock_step;
     double speed;        ///< log seconds per second, 0: as fast as possible
     bool is_started;
     int64_t log_0_ns;    ///< stamp of the first item

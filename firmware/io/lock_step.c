@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lock_step.h"
+
+#include "candump.h"
+#include "record.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { POSITION_CHARS = 200 };
+static const char POSITION[] = "position ", ANSWER[] = "answer";
+
+int ipe_lock_step_open(ipe_lock_step_t* l)
+{
+    l->n_bad_lines = 0, l->n_messages = 0, l->n_out = 0;
+    l->limit = (ipe_message_limit_t){0};
+    l->is_broken = false;
+    return ipe_lines_open(&l->lines, "-");
+}
+
+static void report(ipe_lock_step_t* l, const char* reason)
+{
+    l->n_bad_lines++;
+    if (ipe_message_allowed(&l->limit, "stdin")) { ipe_message("stdin:%" PRIu64 ": %s", l->lines.number, reason); }
+}
+
+/// can0 to can7.
+static bool take_bus(ipe_candump_name_t name, uint8_t* bus)
+{
+    if (name.length != 4 || memcmp(name.text, "can", 3) != 0) { return false; }
+    *bus = (uint8_t)(name.text[3] - '0');
+    return *bus < IPE_BUSES_MAX;
+}
+
+static bool take_frame(ipe_lock_step_t* l, const char* text, size_t length)
+{
+    ipe_candump_name_t name;
+    uint64_t n_dropped;
+    const ipe_candump_t result = ipe_candump_parse(text, length, &l->frame, &name, &n_dropped);
+    if (result == IPE_CANDUMP_FRAME && take_bus(name, &l->frame.bus)) { return true; }
+    report(l, result == IPE_CANDUMP_FRAME ? "the interface is none of can0 to can7" : ipe_candump_reason(result));
+    return false;
+}
+
+static bool take_position(ipe_lock_step_t* l, const char* text, size_t length)
+{
+    char line[POSITION_CHARS];
+    char *at = line, *end;
+    const size_t n = length < sizeof line ? length : sizeof line - 1;
+    memcpy(line, text, n);
+    line[n] = '\0';
+    l->position.t_ns = strtoll(at, &end, 10);
+    bool is_good = end != at;
+    for (int i = 0; i < 3 && is_good; ++i) {
+        at = end;
+        l->position.position[i] = strtod(at, &end);
+        is_good = end != at;
+    }
+    if (is_good && *end == '\0') { return true; }
+    report(l, "is no \"position T_NS X Y Z\"");
+    return false;
+}
+
+/// True if the line is an item.
+static bool take_line(ipe_lock_step_t* l, const char* text, size_t length, ipe_lock_step_item_t* item)
+{
+    const size_t n = sizeof POSITION - 1;
+    if (length == sizeof ANSWER - 1 && memcmp(text, ANSWER, length) == 0) {
+        *item = IPE_LOCK_STEP_ANSWER;
+        return true;
+    }
+    if (length > n && memcmp(text, POSITION, n) == 0) {
+        *item = IPE_LOCK_STEP_POSITION;
+        return take_position(l, text + n, length - n);
+    }
+    *item = IPE_LOCK_STEP_FRAME;
+    return take_frame(l, text, length);
+}
+
+ipe_lock_step_item_t ipe_lock_step_next(ipe_lock_step_t* l)
+{
+    for (;;) {
+        const char* text;
+        size_t length;
+        ipe_lock_step_item_t item;
+        switch (ipe_lines_next(&l->lines, &text, &length)) {
+        case IPE_LINES_OK:
+            if (take_line(l, text, length, &item)) { return item; }
+            break;
+        case IPE_LINES_WAIT: return IPE_LOCK_STEP_WAIT;
+        case IPE_LINES_LONG: report(l, "is too long"); break;
+        case IPE_LINES_UNENDED: report(l, "is cut off"); break;
+        case IPE_LINES_END:
+        default: return IPE_LOCK_STEP_END;
+        }
+    }
+}
+
+void ipe_lock_step_fill(ipe_lock_step_t* l)
+{
+    ipe_lines_fill(&l->lines);
+}
+
+static void write_out(ipe_lock_step_t* l)
+{
+    size_t done = 0;
+    while (done < l->n_out && !l->is_broken) {
+        const ssize_t n = write(STDOUT_FILENO, l->out + done, l->n_out - done);
+        if (n >= 0) {
+            done += (size_t)n;
+        } else if (errno != EINTR) {
+            l->is_broken = true;
+            ipe_message("stdout: %s; nobody takes the answers", strerror(errno));
+        }
+    }
+    l->n_out = 0;
+}
+
+static void append(ipe_lock_step_t* l, const void* bytes, size_t n)
+{
+    if (n > sizeof l->out - l->n_out) { write_out(l); }
+    if (n > sizeof l->out) { return; }
+    memcpy(l->out + l->n_out, bytes, n);
+    l->n_out += n;
+}
+
+void ipe_lock_step_put(ipe_lock_step_t* l, const char* channel, int64_t t_ns, const uint8_t* data, size_t n)
+{
+    uint8_t header[IPE_RECORD_HEADER];
+    const size_t n_channel = strlen(channel);
+    ipe_record_put_header(header, l->n_messages++, t_ns / 1000, n_channel, n);
+    append(l, header, sizeof header);
+    append(l, channel, n_channel);
+    if (n > 0) { append(l, data, n); }
+}
+
+bool ipe_lock_step_send(ipe_lock_step_t* l)
+{
+    write_out(l);
+    return !l->is_broken;
+}
