@@ -8,6 +8,7 @@
 #include <string.h>
 
 #define NEW 4U             // of middle: the reader has not seen it
+#define CARE 2            // verdict of ESTIMATE
 #define AHEAD_NS 10000000  // 10 ms that a stamp may be ahead: chosen over the error between two clocks of one network
 
 static double seconds(int64_t ns)
@@ -37,7 +38,7 @@ static void evaluate(const ipe_parameter_gate_t* g, const ipe_gate_segment_t* s,
     p->age = s->has_estimate ? fmax(seconds(now_ns - s->begin_ns), 0.0) : -1.0;
     p->is_moving = s->has_estimate && x < 1.0;
     if (!s->has_estimate || p->age <= g->limits.age_max) { return; }
-    if (g->limits.keep_last_good) {
+    if (g->limits.keep_last_good || s->keeps) {
         p->source = IPE_GATE_LAST_GOOD;
         return;
     }
@@ -63,11 +64,26 @@ static double largest(const double* x, int n)
     return max;
 }
 
-static bool is_sharp(const ipe_gate_limits_t* l, const ipe_body_t* b)
+static bool is_sharp(const ipe_gate_limits_t* l, const ipe_body_t* b, bool is_mass_enough)
 {
     const double trace = b->inertia_cog[0] + b->inertia_cog[1] + b->inertia_cog[2];
-    return b->mass_std <= l->mass_std * b->mass && largest(b->cog_std, 3) <= l->cog_std &&
-           largest(b->inertia_cog_std, 6) <= l->inertia_std * trace / 3.0;
+    if (b->mass_std > l->mass_std * b->mass) { return false; }
+    return is_mass_enough || (largest(b->cog_std, 3) <= l->cog_std &&
+                              largest(b->inertia_cog_std, 6) <= l->inertia_std * trace / 3.0);
+}
+
+static bool is_observable(const ipe_gate_estimate_t* e, bool is_mass_enough)
+{
+    for (int i = 0; i < (is_mass_enough ? 1 : IPE_NP); ++i) {
+        if (!e->observable[i]) { return false; }
+    }
+    return true;
+}
+
+/// Does everything that is demanded without an announced change hold?
+static bool is_whole(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, const ipe_body_t* body)
+{
+    return e->verdict <= l->verdict_max && is_observable(e, false) && is_sharp(l, body, false);
 }
 
 /// Do n values agree, each within so many standard deviations of their difference?
@@ -86,25 +102,44 @@ static bool are_one_body(const ipe_body_t* a, const ipe_body_t* b, double sigmas
            agree(a->inertia_cog, a->inertia_cog_std, b->inertia_cog, b->inertia_cog_std, 6, sigmas);
 }
 
+/// Did the daemon that gave the estimate begin later than the one before?
+static bool is_restart(const ipe_parameter_gate_t* g, const ipe_gate_estimate_t* e)
+{
+    return e->sequence <= g->last_sequence && e->t_ns > g->last_t_ns;
+}
+
+/// Is an announced change over? The estimate agrees with the one of the window before. Remembers this one.
+static bool is_settled(ipe_parameter_gate_t* g, const ipe_gate_estimate_t* e, const ipe_body_t* body)
+{
+    const bool is_same_window = e->t_ns <= g->previous_t_ns;
+    if (is_same_window && e->n_changes == g->previous_n_changes) { return false; }
+    const bool is_good =
+        e->n_changes == g->previous_n_changes && are_one_body(body, &g->previous, g->limits.step_sigmas);
+    g->previous = *body, g->previous_t_ns = e->t_ns, g->previous_n_changes = e->n_changes;
+    return is_good;
+}
+
 /// IPE_GATE_TAKEN: nothing speaks against it.
 static ipe_gate_reason_t judge(const ipe_parameter_gate_t* g, const ipe_gate_estimate_t* e, int64_t now_ns,
                                bool is_live, ipe_body_t* body)
 {
     const ipe_gate_limits_t* l = &g->limits;
+    const bool is_new = g->known_n_changes >= 0 && e->n_changes != g->known_n_changes && !is_restart(g, e);
+    const bool is_changed = is_new || g->is_changed;
     if (!is_finite(e)) { return IPE_GATE_NOT_FINITE; }
     if (e->t_ns < 0 || e->t_ns > IPE_TIME_MAX_NS) { return IPE_GATE_TOO_OLD; }
     if (e->sequence <= g->last_sequence && e->t_ns <= g->last_t_ns) { return IPE_GATE_OLD_SEQUENCE; }
     if (seconds(now_ns - e->t_ns) > l->age_max || e->t_ns - now_ns > AHEAD_NS) { return IPE_GATE_TOO_OLD; }
-    if (e->verdict < 1 || e->verdict > l->verdict_max) { return IPE_GATE_VERDICT; }
-    for (int i = 0; i < IPE_NP; ++i) {
-        if (!e->observable[i]) { return IPE_GATE_UNOBSERVABLE; }
+    if (e->verdict < 1 || e->verdict > (is_changed && l->verdict_max < CARE ? CARE : l->verdict_max)) {
+        return IPE_GATE_VERDICT;
     }
+    if (!is_observable(e, is_changed)) { return IPE_GATE_UNOBSERVABLE; }
     if (!ipe_consistency_check(e->theta) || ipe_body_from_theta(e->theta, e->covariance, body) != IPE_OK) {
         return IPE_GATE_INCONSISTENT;
     }
     if (!all_finite(&body->mass, sizeof *body / sizeof(double))) { return IPE_GATE_NOT_FINITE; }  // P not positive
-    if (!is_sharp(l, body)) { return IPE_GATE_SIGMA; }
-    if (is_live && e->n_changes == g->last_n_changes && !are_one_body(body, &g->last, l->step_sigmas)) {
+    if (!is_sharp(l, body, is_changed)) { return IPE_GATE_SIGMA; }
+    if (is_live && !is_new && !are_one_body(body, &g->last, l->step_sigmas)) {
         return IPE_GATE_CONTRADICTION;
     }
     return IPE_GATE_TAKEN;
@@ -145,6 +180,7 @@ ipe_status_t ipe_parameter_gate_init(ipe_parameter_gate_t* g, const ipe_gate_lim
     for (int i = 0; i < 3; ++i) { g->slot[i] = g->now; }
     g->writing = 0, g->middle = 1, g->reading = 2;
     g->last_sequence = -1, g->last_t_ns = INT64_MIN;
+    g->known_n_changes = -1, g->previous_n_changes = -1, g->previous_t_ns = INT64_MIN;
     return IPE_OK;
 }
 
@@ -153,25 +189,30 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     ipe_gate_parameters_t before;
     evaluate(g, &g->now, now_ns, &before);
     const bool is_live = before.source == IPE_GATE_LIVE;
-    const bool is_restart = e->sequence <= g->last_sequence && e->t_ns > g->last_t_ns;
+    const bool has_restarted = is_restart(g, e);
 
     ipe_body_t body = {0};
-    ipe_gate_reason_t reason = judge(g, e, now_ns, is_live && !is_restart && !g->is_returning, &body);
+    ipe_gate_reason_t reason = judge(g, e, now_ns, is_live && !has_restarted && !g->is_returning, &body);
     if (reason != IPE_GATE_NOT_FINITE && reason != IPE_GATE_OLD_SEQUENCE && reason != IPE_GATE_TOO_OLD) {
         g->last_sequence = e->sequence, g->last_t_ns = e->t_ns;
-        g->is_returning |= is_restart;
+        g->is_returning |= has_restarted;
+        if (has_restarted || g->known_n_changes < 0) { g->known_n_changes = e->n_changes, g->is_changed = false; }
+        g->is_changed |= e->n_changes != g->known_n_changes;
     }
-    const bool is_break = is_restart || seconds(now_ns - g->acceptable_ns) > g->limits.age_max;
+    const bool is_break = has_restarted || seconds(now_ns - g->acceptable_ns) > g->limits.age_max;
     g->n_in_a_row = reason != IPE_GATE_TAKEN ? 0 : is_break ? 1 : g->n_in_a_row + 1;
     if (reason == IPE_GATE_TAKEN) { g->acceptable_ns = now_ns; }
-    const bool waits = (!is_live || g->is_returning) && g->n_in_a_row < g->limits.n_return;
+    bool waits = (!is_live || g->is_returning) && g->n_in_a_row < g->limits.n_return;
+    if (reason == IPE_GATE_TAKEN && e->n_changes != g->known_n_changes) { waits |= !is_settled(g, e, &body); }
     if (reason == IPE_GATE_TAKEN && waits) { reason = IPE_GATE_WAITS; }
     ++g->n[reason];
     if (reason != IPE_GATE_TAKEN) { return reason; }
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, e->theta, sizeof e->theta);
-    g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true;
-    g->last = body, g->last_n_changes = e->n_changes;
+    g->was_changed |= e->n_changes != g->known_n_changes;
+    g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true, g->now.keeps = g->was_changed;
+    g->last = body, g->known_n_changes = e->n_changes;
+    g->is_changed &= !is_whole(&g->limits, e, &body);
     g->is_returning = false;
     publish(g);
     return IPE_GATE_TAKEN;

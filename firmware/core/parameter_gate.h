@@ -9,11 +9,16 @@
 ///   a new estimate is taken      theta moves to it within transition_time, along bodies that can exist
 ///   the daemon began again       theta stays; live ones after n_return acceptable estimates in a row
 ///   none is taken for age_max    the fall-back: nominal parameters, or the last good ones, as chosen; then as at start
+///   a payload change announced   the parameters in use are wrong from there on, and the fall-back is no longer the nominal
+///                                body: that one is gone. Taken is the first estimate that agrees with the one of the window
+///                                before it. Until all its parameters are sharp again only the mass must be: what the
+///                                motion has not shown yet is the prior's, as in the parameters in use, and better than
+///                                a body without the payload
 ///
 /// theta(t) = (1 - x) theta_0 + x theta_1, x from 0 to 1: the pseudo-inertia is linear in theta, and positive definite
 /// matrices are a convex set, so every body on the way can exist when both ends can. Mass, CoG and inertia change together.
 ///
-/// 1.2 KB of state, no heap, no system calls. One thread may offer, one other may read; read() is wait-free (a triple
+/// 1.5 KB of state, no heap, no system calls. One thread may offer, one other may read; read() is wait-free (a triple
 /// buffer: it never waits for the writer, nor the writer for it). Times are those of ESTIMATE's t_ns: host time, ns.
 /// Source of the pseudo-inertia: Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018; see firmware/DESIGN.md, "Control loop".
 #ifndef IPE_PARAMETER_GATE_H
@@ -25,7 +30,7 @@
 /// Why an estimate was not taken; IPE_GATE_TAKEN: it was.
 typedef enum {
     IPE_GATE_TAKEN = 0,
-    IPE_GATE_WAITS,          ///< acceptable, but fewer than n_return in a row so far
+    IPE_GATE_WAITS,          ///< acceptable, but fewer than n_return in a row so far, or a change is not over yet
     IPE_GATE_NOT_FINITE,     ///< a number, or a sigma that follows from the covariance, is NaN or Inf
     IPE_GATE_OLD_SEQUENCE,   ///< not newer than the last one that was offered
     IPE_GATE_TOO_OLD,        ///< its t_ns is more than age_max ago, or ahead of now
@@ -49,7 +54,7 @@ typedef struct {
     double mass_std;         ///< largest, as a share of the mass
     double cog_std;          ///< largest of its three, m
     double inertia_std;      ///< largest of its six, of a third of the inertia's trace about C
-    int verdict_max;         ///< of ESTIMATE: 1 good, 2 care
+    int verdict_max;         ///< of ESTIMATE: 1 good, 2 care; after an announced change 2
     double age_max;          ///< s
     double transition_time;  ///< s
     double step_sigmas;      ///< of the difference of two estimates between which no payload changed
@@ -80,6 +85,7 @@ typedef struct {
     double from[IPE_NP], to[IPE_NP];
     int64_t begin_ns, sequence;
     bool has_estimate;
+    bool keeps;  ///< the fall-back is this estimate
 } ipe_gate_segment_t;
 
 typedef struct {
@@ -92,7 +98,11 @@ typedef struct {
 
     ipe_gate_segment_t now;            ///< the writer's copy
     ipe_body_t last;                   ///< taken
-    int64_t last_n_changes;            ///< of it
+    int64_t known_n_changes;           ///< payload changes that the parameters in use contain; -1: nothing was offered yet
+    bool is_changed;                   ///< a change was announced since the last one whose parameters were all sharp
+    bool was_changed;                  ///< one was taken: the nominal body is no longer there
+    ipe_body_t previous;               ///< acceptable, of the window before
+    int64_t previous_t_ns, previous_n_changes;
     int64_t last_sequence, last_t_ns;  ///< offered
     bool is_returning;                 ///< the daemon began again: n_return in a row are needed
     int n_in_a_row;                    ///< acceptable ones,

@@ -41,6 +41,14 @@ static ipe_gate_estimate_t estimate(int64_t sequence, int64_t t_ns, double facto
     return e;
 }
 
+/// Offers an estimate after an announced change, and that of the next window, which is taken.
+static void settle(ipe_gate_estimate_t* e)
+{
+    TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, e, e->t_ns));
+    e->sequence += 1, e->t_ns += 100 * MS;
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, e, e->t_ns));
+}
+
 static ipe_gate_reason_t offer(int64_t sequence, int64_t t_ns, double factor)
 {
     const ipe_gate_estimate_t e = estimate(sequence, t_ns, factor);
@@ -80,7 +88,7 @@ static void test_transition_has_no_jump_and_every_body_on_it_can_exist(void)
     memcpy(e.theta, other, sizeof other);
     for (int i = 0; i < IPE_NP; ++i) { e.covariance[i][i] = 1e-6; }
     e.n_changes = 1;
-    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    settle(&e);
     double before = nominal[0];
     for (int64_t t = e.t_ns; t <= e.t_ns + 500 * MS; t += MS) {
         ipe_parameter_gate_read(&gate, t, &now);
@@ -97,12 +105,12 @@ static void test_estimate_in_mid_transition_starts_from_where_theta_is(void)
     const int64_t live = go_live(1.0);
     ipe_gate_estimate_t e = estimate(100, live + SECOND, 2.0);
     e.n_changes = 1;
-    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    settle(&e);
     const int64_t middle = e.t_ns + 250 * MS;
     ipe_parameter_gate_read(&gate, middle, &now);
     const double halfway = now.theta[0];
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.5 * nominal[0], halfway);
-    e.sequence = 101, e.t_ns = middle;
+    e.sequence = 102, e.t_ns = middle;
     TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, middle));
     ipe_parameter_gate_read(&gate, middle, &now);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, halfway, now.theta[0]);
@@ -165,7 +173,46 @@ static void test_change_of_payload_may_contradict(void)
     ipe_gate_estimate_t e = estimate(100, go_live(1.0) + 100 * MS, 1.4);
     TEST_ASSERT_EQUAL(IPE_GATE_CONTRADICTION, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
     e.sequence = 101, e.t_ns += 100 * MS, e.n_changes = 1;
+    TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    e.sequence = 102;  // of the same window: says nothing more
+    TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, &e, e.t_ns + 20 * MS));
+    e.sequence = 103, e.t_ns += 100 * MS, e.theta[0] *= 1.1;  // the payload is still being taken up
+    TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    e.sequence = 104, e.t_ns += 100 * MS;
     TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+}
+
+static void test_after_a_change_the_mass_must_be_sharp_until_all_is(void)
+{
+    ipe_gate_estimate_t e = estimate(100, go_live(1.0) + 100 * MS, 1.4);
+    e.n_changes = 1, e.verdict = 2;
+    for (int i = 1; i < IPE_NP; ++i) { e.observable[i] = false, e.covariance[i][i] = 900.0; }
+    ipe_gate_estimate_t bad = e;
+    bad.verdict = 3;
+    TEST_ASSERT_EQUAL(IPE_GATE_VERDICT, ipe_parameter_gate_offer(&gate, &bad, bad.t_ns));
+    bad = e, bad.sequence = 101, bad.observable[0] = false;
+    TEST_ASSERT_EQUAL(IPE_GATE_UNOBSERVABLE, ipe_parameter_gate_offer(&gate, &bad, bad.t_ns));
+    bad = e, bad.sequence = 102, bad.covariance[0][0] = 25.0;
+    TEST_ASSERT_EQUAL(IPE_GATE_SIGMA, ipe_parameter_gate_offer(&gate, &bad, bad.t_ns));
+    e.sequence = 103;
+    settle(&e);
+    e.sequence = 105, e.t_ns += 100 * MS;  // still so
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    ipe_gate_estimate_t whole = estimate(106, e.t_ns + 100 * MS, 1.4);
+    whole.n_changes = 1;
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &whole, whole.t_ns));
+    e.sequence = 107, e.t_ns += 200 * MS;  // all was sharp: from now on all must be
+    TEST_ASSERT_EQUAL(IPE_GATE_VERDICT, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+}
+
+static void test_after_a_change_the_nominal_body_is_no_fall_back(void)
+{
+    ipe_gate_estimate_t e = estimate(100, go_live(1.0) + 100 * MS, 1.4);
+    e.n_changes = 1;
+    settle(&e);
+    ipe_parameter_gate_read(&gate, e.t_ns + 3600 * SECOND, &now);
+    TEST_ASSERT_EQUAL(IPE_GATE_LAST_GOOD, now.source);
+    TEST_ASSERT_EQUAL_DOUBLE(1.4 * nominal[0], now.theta[0]);
 }
 
 static void test_silence_falls_back_without_a_jump_and_needs_several_to_return(void)
@@ -239,11 +286,18 @@ static void test_random_estimates_never_move_theta_to_a_body_that_cannot_exist(v
     limits.n_return = 1;
     TEST_ASSERT_EQUAL(IPE_OK, ipe_parameter_gate_init(&gate, &limits, nominal));
     int64_t t = START;
+    double before[IPE_NP];
     for (int k = 0; k < 20000; ++k) {
         t += (int64_t)(between(&seed, 0.0, 300.0) * MS);
         ipe_gate_estimate_t e = estimate(k, t, between(&seed, 0.2, 3.0));
-        for (int i = 0; i < IPE_NP; ++i) { e.theta[i] += 20.0 * normal(&seed); }
-        e.n_changes = k;
+        for (int i = 0; i < IPE_NP; ++i) {
+            e.theta[i] += 20.0 * normal(&seed);
+            e.covariance[i][i] = 1e4;
+        }
+        e.covariance[0][0] = 1e-4 * nominal[0] * nominal[0];
+        if (k % 2 > 0) { memcpy(e.theta, before, sizeof before); }  // a change is over
+        memcpy(before, e.theta, sizeof before);
+        e.n_changes = k / 2;
         (void)ipe_parameter_gate_offer(&gate, &e, t);
         ipe_parameter_gate_read(&gate, t + (int64_t)(between(&seed, 0.0, 2000.0) * MS), &now);
         TEST_ASSERT_TRUE(ipe_consistency_check(now.theta));
@@ -257,8 +311,8 @@ enum { OFFERS = 200000 };
 static void* offer_all(void* is_over)
 {
     for (int k = 0; k < OFFERS; ++k) {
-        ipe_gate_estimate_t e = estimate(k, START + k * MS, 1.0 + k % 7);
-        e.n_changes = k;
+        ipe_gate_estimate_t e = estimate(k, START + k * MS, 1.0 + k / 2 % 7);
+        e.n_changes = k / 2;
         (void)ipe_parameter_gate_offer(&gate, &e, e.t_ns);
     }
     __atomic_store_n((bool*)is_over, true, __ATOMIC_RELEASE);
@@ -296,6 +350,8 @@ int main(void)
     RUN_TEST(test_each_number_may_contradict_the_last_estimate);
     RUN_TEST(test_stamp_ahead_of_the_clock_is_refused);
     RUN_TEST(test_change_of_payload_may_contradict);
+    RUN_TEST(test_after_a_change_the_mass_must_be_sharp_until_all_is);
+    RUN_TEST(test_after_a_change_the_nominal_body_is_no_fall_back);
     RUN_TEST(test_silence_falls_back_without_a_jump_and_needs_several_to_return);
     RUN_TEST(test_last_good_parameters_are_kept_where_asked_for);
     RUN_TEST(test_restarted_daemon_counts_anew);
