@@ -4,6 +4,7 @@
 /// estimate is not used, once per reason.   Usage: follow LCM_URL robot.cfg
 #include <inertiad/config.hpp>
 #include <inertiad/estimates.hpp>
+#include <inertiad/feed_forward.hpp>
 #include <inertiad/parameter_gate.hpp>
 
 #include <chrono>

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-/// The daemon's estimates for a C++ controller: the newest ESTIMATE message, and the wrench a motion needs. What a control
-/// loop should use of them is decided by parameter_gate.hpp.
-///
-///   wrench = Y(s, w, alpha) theta,   s = R^T (a + g z)         about P, platform axes
+/// The daemon's estimates for a C++ controller: the newest ESTIMATE message. What a control loop should use of them is
+/// decided by parameter_gate.hpp, what it feeds forward with them is in feed_forward.hpp.
 /// One thread: handle() takes in what has come; ready within the time given or not at all. liblcm allocates per message.
 #pragma once
 
-#include "body.hpp"
 #include "parameter_gate.hpp"
 
 #include <lcm/lcm.h>
@@ -20,15 +17,6 @@ extern "C" {
 }
 
 namespace inertiad {
-
-/// Force and moment about P that give a body theta the acceleration a of P (W, m/s2), at rate w and angular acceleration
-/// alpha (P axes), in attitude R (P to W), with gravity g along -z of W. N, N m, platform axes.
-inline Vector6 feed_forward(const Theta& theta, const Matrix3& R, const Vector3& a, const Vector3& w,
-                            const Vector3& alpha, double g)
-{
-    const Vector3 s = R.transpose() * (a + g * Vector3::UnitZ());
-    return regressor(s, w, alpha) * theta;
-}
 
 /// Subscribes to PREFIX + "ESTIMATE". Neither copied nor moved: LCM knows its address.
 class Estimates {
