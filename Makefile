@@ -182,13 +182,13 @@ $(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B
 	@mkdir -p $(@D)
 	$(call say,ld  $@)$(CXX) $(SANITIZE) $< $(LIBS) -o $@
 
-BENCHES := core offline simulate gaps excite report record pacing receive soak
+BENCHES := core offline simulate control gaps excite report record pacing receive soak
 
 ## Measure beside other software (about 40 min; T="core receive" picks of: core offline simulate gaps excite report record pacing receive soak)
 bench: $(addprefix bench-,$(or $(T),$(BENCHES)))
 $(addprefix bench-,$(BENCHES)): .venv/test.stamp build bench-programs
 bench-programs: $(BENCH)
-bench-core bench-offline bench-simulate bench-gaps bench-excite bench-report bench-record: bench-%:
+bench-core bench-offline bench-simulate bench-control bench-gaps bench-excite bench-report bench-record: bench-%:
 	$(Q)$(PY) test/bench/$*.py
 bench-pacing:
 	$(Q)tools/vcan $(PY) test/bench/pacing.py

@@ -41,7 +41,9 @@ int loop_open(daemon_t* d)
         return daemon_refuse("event loop", strerror(errno));
     }
     watch(d, d->signal_fd, WAKE_SIGNAL, EPOLLIN);
-    if (!d->replay.is_lock_step) { watch(d, d->second_fd, WAKE_SECOND, EPOLLIN); }  // whose result must not depend on it
+    if (!d->replay.is_lock_step) {
+        watch(d, d->second_fd, WAKE_SECOND, EPOLLIN);
+    }  // whose result must not depend on it
     watch(d, d->pace_fd, WAKE_PACE, EPOLLIN);
     if (d->inbox.fd >= 0) { watch(d, d->inbox.fd, WAKE_LCM, EPOLLIN); }
     for (unsigned i = 0; i < d->n_interfaces; ++i) { watch_interface(d, i); }

@@ -387,8 +387,9 @@ int daemon_open(daemon_t* d)
         return daemon_refuse("--estimate", reason);
     }
     if (open_signals(d) != 0) { return daemon_refuse("signals", strerror(errno)); }
-    if (d->option.is_lock_step ? open_lcm(d) != 0 || open_lock_step(d) != 0
-                               : check_buses(d) != 0 || open_buses(d) != 0 || open_lcm(d) != 0 || open_tracker(d) != 0) {
+    if (d->option.is_lock_step
+            ? open_lcm(d) != 0 || open_lock_step(d) != 0
+            : check_buses(d) != 0 || open_buses(d) != 0 || open_lcm(d) != 0 || open_tracker(d) != 0) {
         return -1;
     }
     set_collecting(d);

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #define NEW 4U             // of middle: the reader has not seen it
-#define CARE 2            // verdict of ESTIMATE
+#define CARE 2             // verdict of ESTIMATE
 #define AHEAD_NS 10000000  // 10 ms that a stamp may be ahead: chosen over the error between two clocks of one network
 
 static double seconds(int64_t ns)
@@ -31,7 +31,7 @@ static void mix(const double a[IPE_NP], const double b[IPE_NP], double x, double
 static void evaluate(const ipe_parameter_gate_t* g, const ipe_gate_segment_t* s, int64_t now_ns,
                      ipe_gate_parameters_t* p)
 {
-    const double T = g->limits.transition_time, x = share(s->begin_ns, now_ns, T);
+    const double T = g->limits.transition_time, x = share(s->begin_ns, now_ns, s->time);
     mix(s->from, s->to, x, p->theta);
     p->sequence = s->sequence;
     p->source = s->has_estimate ? IPE_GATE_LIVE : IPE_GATE_NOMINAL;
@@ -64,12 +64,16 @@ static double largest(const double* x, int n)
     return max;
 }
 
-static bool is_sharp(const ipe_gate_limits_t* l, const ipe_body_t* b, bool is_mass_enough)
+static bool is_inertia_sharp(const ipe_gate_limits_t* l, const ipe_body_t* b)
 {
     const double trace = b->inertia_cog[0] + b->inertia_cog[1] + b->inertia_cog[2];
+    return largest(b->inertia_cog_std, 6) <= l->inertia_std * trace / 3.0;
+}
+
+static bool is_sharp(const ipe_gate_limits_t* l, const ipe_body_t* b, bool is_mass_enough)
+{
     if (b->mass_std > l->mass_std * b->mass) { return false; }
-    return is_mass_enough || (largest(b->cog_std, 3) <= l->cog_std &&
-                              largest(b->inertia_cog_std, 6) <= l->inertia_std * trace / 3.0);
+    return is_mass_enough || (largest(b->cog_std, 3) <= l->cog_std && is_inertia_sharp(l, b));
 }
 
 static bool is_observable(const ipe_gate_estimate_t* e, bool is_mass_enough)
@@ -139,10 +143,45 @@ static ipe_gate_reason_t judge(const ipe_parameter_gate_t* g, const ipe_gate_est
     }
     if (!all_finite(&body->mass, sizeof *body / sizeof(double))) { return IPE_GATE_NOT_FINITE; }  // P not positive
     if (!is_sharp(l, body, is_changed)) { return IPE_GATE_SIGMA; }
-    if (is_live && !is_new && !are_one_body(body, &g->last, l->step_sigmas)) {
-        return IPE_GATE_CONTRADICTION;
-    }
+    if (is_live && !is_new && !are_one_body(body, &g->last, l->step_sigmas)) { return IPE_GATE_CONTRADICTION; }
     return IPE_GATE_TAKEN;
+}
+
+/// How far apart two bodies are, for the parts of a transition: kg, with moments in units of the body's own size.
+static double distance(const double a[IPE_NP], const double b[IPE_NP])
+{
+    const double length_2 = (a[4] + a[5] + a[6]) / a[0], length = sqrt(length_2);
+    double sum = (a[0] - b[0]) * (a[0] - b[0]);
+    for (int i = 1; i < 4; ++i) { sum += (a[i] - b[i]) * (a[i] - b[i]) / length_2; }
+    for (int i = 4; i < IPE_NP; ++i) { sum += (a[i] - b[i]) * (a[i] - b[i]) / (length_2 * length * length); }
+    return sqrt(sum);
+}
+
+/// Time of a transition from theta to another body, s: what is left of the one under way, or the new part's share of the
+/// whole time if that is longer.
+static double time_of(const ipe_parameter_gate_t* g, const double theta[IPE_NP], const double to[IPE_NP],
+                      int64_t now_ns)
+{
+    const double T = g->limits.transition_time,
+                 left = g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time));
+    const double way = distance(theta, to), more = distance(g->now.to, to);
+    return fmax(left, more < way ? T * more / way : T);
+}
+
+/// Give theta the inertia about the CoG that another body has.
+static void keep_inertia(const double known[IPE_NP], double theta[IPE_NP])
+{
+    double about_c[IPE_NP], rho[3], back[3];
+    memcpy(about_c, known, sizeof about_c);
+    for (int i = 0; i < 3; ++i) {
+        back[i] = -known[1 + i] / known[0];
+        rho[i] = theta[1 + i] / theta[0];
+    }
+    ipe_body_shift(back, about_c, NULL);
+    about_c[0] = theta[0];
+    memset(about_c + 1, 0, 3 * sizeof(double));
+    ipe_body_shift(rho, about_c, NULL);
+    memcpy(theta, about_c, sizeof about_c);
 }
 
 /// Hand the writer's segment to the reader.
@@ -207,8 +246,12 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     if (reason == IPE_GATE_TAKEN && waits) { reason = IPE_GATE_WAITS; }
     ++g->n[reason];
     if (reason != IPE_GATE_TAKEN) { return reason; }
+    double theta[IPE_NP];
+    memcpy(theta, e->theta, sizeof theta);
+    if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(g->now.to, theta); }
+    g->now.time = is_live ? time_of(g, before.theta, theta, now_ns) : g->limits.transition_time;
     memcpy(g->now.from, before.theta, sizeof before.theta);
-    memcpy(g->now.to, e->theta, sizeof e->theta);
+    memcpy(g->now.to, theta, sizeof theta);
     g->was_changed |= e->n_changes != g->known_n_changes;
     g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true, g->now.keeps = g->was_changed;
     g->last = body, g->known_n_changes = e->n_changes;

@@ -6,14 +6,14 @@
 /// contradiction to the last one that was taken. Each refusal has a reason.
 ///
 ///   start                        nominal parameters; live ones after n_return acceptable estimates in a row
-///   a new estimate is taken      theta moves to it within transition_time, along bodies that can exist
+///   a new estimate is taken      theta moves to it within transition_time, along bodies that can exist; one that only
+///                                refines where theta is moving to does not delay it
 ///   the daemon began again       theta stays; live ones after n_return acceptable estimates in a row
 ///   none is taken for age_max    the fall-back: nominal parameters, or the last good ones, as chosen; then as at start
 ///   a payload change announced   the parameters in use are wrong from there on, and the fall-back is no longer the nominal
 ///                                body: that one is gone. Taken is the first estimate that agrees with the one of the window
-///                                before it. Until all its parameters are sharp again only the mass must be: what the
-///                                motion has not shown yet is the prior's, as in the parameters in use, and better than
-///                                a body without the payload
+///                                before it. Until all its parameters are sharp again only the mass must be, and as
+///                                long as the inertia about the CoG is not, that of the parameters in use is kept
 ///
 /// theta(t) = (1 - x) theta_0 + x theta_1, x from 0 to 1: the pseudo-inertia is linear in theta, and positive definite
 /// matrices are a convex set, so every body on the way can exist when both ends can. Mass, CoG and inertia change together.
@@ -84,8 +84,9 @@ typedef struct {
 typedef struct {
     double from[IPE_NP], to[IPE_NP];
     int64_t begin_ns, sequence;
+    double time;  ///< s, of the transition
     bool has_estimate;
-    bool keeps;  ///< the fall-back is this estimate
+    bool keeps;   ///< the fall-back is this estimate
 } ipe_gate_segment_t;
 
 typedef struct {
@@ -96,12 +97,12 @@ typedef struct {
     unsigned char middle;        ///< its number, and 4: it is new
     unsigned char writing, reading;
 
-    ipe_gate_segment_t now;            ///< the writer's copy
-    ipe_body_t last;                   ///< taken
-    int64_t known_n_changes;           ///< payload changes that the parameters in use contain; -1: nothing was offered yet
-    bool is_changed;                   ///< a change was announced since the last one whose parameters were all sharp
-    bool was_changed;                  ///< one was taken: the nominal body is no longer there
-    ipe_body_t previous;               ///< acceptable, of the window before
+    ipe_gate_segment_t now;   ///< the writer's copy
+    ipe_body_t last;          ///< taken
+    int64_t known_n_changes;  ///< payload changes that the parameters in use contain; -1: nothing was offered yet
+    bool is_changed;          ///< a change was announced since the last one whose parameters were all sharp
+    bool was_changed;         ///< one was taken: the nominal body is no longer there
+    ipe_body_t previous;      ///< acceptable, of the window before
     int64_t previous_t_ns, previous_n_changes;
     int64_t last_sequence, last_t_ns;  ///< offered
     bool is_returning;                 ///< the daemon began again: n_return in a row are needed

@@ -36,8 +36,8 @@ typedef struct {
     ipe_position_t position;  ///< the newest
     ipe_message_limit_t limit;
     uint64_t n_bad_lines;
-    uint64_t n_messages;      ///< written
-    bool is_broken;           ///< nobody reads stdout any more
+    uint64_t n_messages;  ///< written
+    bool is_broken;       ///< nobody reads stdout any more
     size_t n_out;
     uint8_t out[IPE_LOCK_STEP_OUT];
 } ipe_lock_step_t;

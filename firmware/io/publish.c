@@ -34,8 +34,8 @@ static bool is_good_prefix(const char* prefix)
 
 static void name_channels(ipe_publish_t* p, const char* prefix)
 {
-    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",  "SIGNALS", "ESTIMATE", "HEALTH",  "EVENT",
-                                                        "HOST", "ORDER",   "TRACKER",  "COMMAND", "CONFIG", "ANSWER"};
+    static const char* const NAME[IPE_PUBLISH_COUNT] = {"RAW",   "SIGNALS", "ESTIMATE", "HEALTH", "EVENT", "HOST",
+                                                        "ORDER", "TRACKER", "COMMAND",  "CONFIG", "ANSWER"};
     for (int i = 0; i < IPE_PUBLISH_COUNT; ++i) {
         (void)snprintf(p->channel[i], sizeof p->channel[i], "%.*s%s", PREFIX_MAX, prefix, NAME[i]);
     }

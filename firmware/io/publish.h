@@ -49,7 +49,7 @@ typedef enum {
     IPE_PUBLISH_TRACKER,  ///< in records only, as are those below
     IPE_PUBLISH_COMMAND,
     IPE_PUBLISH_CONFIG,
-    IPE_PUBLISH_ANSWER,   ///< to a simulator only: the end of an answer
+    IPE_PUBLISH_ANSWER,  ///< to a simulator only: the end of an answer
     IPE_PUBLISH_COUNT
 } ipe_publish_channel_t;
 

@@ -52,8 +52,7 @@ static uint64_t get(const uint8_t* from, int n)
     return value;
 }
 
-void ipe_record_put_header(uint8_t header[IPE_RECORD_HEADER], uint64_t number, int64_t t_us, size_t n_channel,
-                           size_t n)
+void ipe_record_put_header(uint8_t header[IPE_RECORD_HEADER], uint64_t number, int64_t t_us, size_t n_channel, size_t n)
 {
     put(header, SYNC, 4);
     put(header + 4, number, 8);

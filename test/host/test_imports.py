@@ -18,6 +18,7 @@ LEVELS = (
     ("identify", "simulate", "live", "exchange"),  # none of these imports another
     ("excite",),
     ("check",),
+    ("control",),
     ("report",),
     ("cli",),
 )

@@ -19,7 +19,7 @@ static void test_a_body_at_rest_takes_its_weight_and_its_moment(void)
     nominal_theta(theta);
     ipe_feed_forward(theta, LEVEL, NONE, NONE, NONE, 9.81, wrench, NULL);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 9.81 * theta[0], wrench[2]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 9.81 * theta[2], wrench[3]);   // h x (g z)
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 9.81 * theta[2], wrench[3]);  // h x (g z)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, -9.81 * theta[1], wrench[4]);
 }
 

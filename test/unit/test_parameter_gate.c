@@ -174,7 +174,7 @@ static void test_change_of_payload_may_contradict(void)
     TEST_ASSERT_EQUAL(IPE_GATE_CONTRADICTION, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
     e.sequence = 101, e.t_ns += 100 * MS, e.n_changes = 1;
     TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
-    e.sequence = 102;  // of the same window: says nothing more
+    e.sequence = 102;                                         // of the same window: says nothing more
     TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, &e, e.t_ns + 20 * MS));
     e.sequence = 103, e.t_ns += 100 * MS, e.theta[0] *= 1.1;  // the payload is still being taken up
     TEST_ASSERT_EQUAL(IPE_GATE_WAITS, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
@@ -196,12 +196,24 @@ static void test_after_a_change_the_mass_must_be_sharp_until_all_is(void)
     TEST_ASSERT_EQUAL(IPE_GATE_SIGMA, ipe_parameter_gate_offer(&gate, &bad, bad.t_ns));
     e.sequence = 103;
     settle(&e);
-    e.sequence = 105, e.t_ns += 100 * MS;  // still so
+    ipe_gate_estimate_t other = e;
+    other.sequence = 105, other.t_ns += 50 * MS, other.theta[4] += 10.0, other.theta[9] += 5.0;  // within sigma
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &other, other.t_ns));
+    ipe_gate_parameters_t kept;
+    ipe_parameter_gate_read(&gate, other.t_ns + 900 * MS, &kept);
+    const double covariance[IPE_NP][IPE_NP] = {{0.0}};
+    ipe_body_t body, known;
+    (void)ipe_body_from_theta(nominal, covariance, &known);
+    (void)ipe_body_from_theta(kept.theta, covariance, &body);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.4 * known.mass, body.mass);
+    for (int i = 0; i < 3; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, known.cog[i], body.cog[i]); }
+    for (int i = 0; i < 6; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, known.inertia_cog[i], body.inertia_cog[i]); }
+    e.sequence = 106, e.t_ns += 100 * MS;  // still so
     TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
-    ipe_gate_estimate_t whole = estimate(106, e.t_ns + 100 * MS, 1.4);
+    ipe_gate_estimate_t whole = estimate(107, e.t_ns + 100 * MS, 1.4);
     whole.n_changes = 1;
     TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &whole, whole.t_ns));
-    e.sequence = 107, e.t_ns += 200 * MS;  // all was sharp: from now on all must be
+    e.sequence = 108, e.t_ns += 200 * MS;  // all was sharp: from now on all must be
     TEST_ASSERT_EQUAL(IPE_GATE_VERDICT, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
 }
 

@@ -32,6 +32,8 @@ using namespace nb::literals;
 void bind_batch(nb::module_& m);
 /// Adds forward dynamics, tension distribution and bus arbitration to the module.
 void bind_plant(nb::module_& m);
+/// Adds the parameter gate and the control loop to the module.
+void bind_control(nb::module_& m);
 
 namespace binding {
 

@@ -665,4 +665,5 @@ NB_MODULE(inertiad_core, m)
         "Indices of xi in which the equations are linear: X xi adds to y, no calibration has them. calibrated.hpp");
     bind_batch(m);
     bind_plant(m);
+    bind_control(m);
 }

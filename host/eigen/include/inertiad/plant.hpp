@@ -358,15 +358,31 @@ private:
 class Controller {
 public:
     Controller(const Config& config, const PlantSettings& settings, const Theta& theta)
-        : config_(config), settings_(settings), theta_(theta), mass_(detail::mass_matrix(theta)),
-          pull_(config.n_cables()), low_(config.n_cables()), high_(config.n_cables())
+        : config_(config), settings_(settings), pull_(config.n_cables()), low_(config.n_cables()),
+          high_(config.n_cables())
     {
-        const double share = 2.0 * theta[0] * config.c().gravity / config.n_cables();
         for (int i = 0; i < config.n_cables(); ++i) {
             low_[i] = config.c().cable[i].tension_min, high_[i] = config.c().cable[i].tension_max;
-            pull_[i] = std::clamp(share, low_[i], high_[i]);
         }
+        set_body(theta);
     }
+
+    /// Use another body from now on, the platform in attitude R. The integral gives up what the new parameters explain of
+    /// it at rest: it has learnt it already, and would have to unlearn it as slowly.
+    ///
+    ///   E = Y(R^T g z, 0, 0) (theta - theta_before)     I -= x E,   x = (I . E)/(E . E) within 0 .. 1, . by M^-1
+    void hand_over(const Theta& theta, const Matrix3& R)
+    {
+        if (theta == theta_) { return; }
+        const Vector3 s = config_.c().gravity * R.row(2).transpose();
+        const Vector6 explained = regressor(s, Vector3::Zero(), Vector3::Zero()) * (theta - theta_);
+        set_body(theta);
+        const Vector6 weighted = mass_.llt().solve(explained);
+        const double size = explained.dot(weighted);
+        if (size > 0.0) { integral -= std::clamp(integral.dot(weighted) / size, 0.0, 1.0) * explained; }
+    }
+
+    const Theta& body() const { return theta_; }
 
     /// The integral part: what the body weighs beyond what the controller knows, P axes, N and N m.
     Vector6 integral = Vector6::Zero();
@@ -374,6 +390,12 @@ public:
 
     /// Tensions and reference reel speeds for a state that should be as the reference. Every `period` s.
     Command command(PlantState& x, const Reference& wanted, double period)
+    {
+        return give(x, wanted, wrench(x, wanted, period));
+    }
+
+    /// The wrench about P, P axes, for the same, and the integral after another period [s].
+    Vector6 wrench(PlantState& x, const Reference& wanted, double period)
     {
         const double k = settings_.control_rate;
         const Matrix3 R = x.R(), away = R.transpose() * wanted.R;
@@ -385,8 +407,14 @@ public:
         error << R.transpose() * e_p, e_R;
         integral += period * 0.1 * k * k * k * (mass_ * error);
         const Vector3 s = R.transpose() * (a + config_.c().gravity * Vector3::UnitZ());
+        return regressor(s, x.w(), alpha) * theta_ + integral;
+    }
+
+    /// Tensions for a wrench at the state's pose, and reel speeds.
+    Command give(PlantState& x, const Reference& wanted, const Vector6& wrench)
+    {
         Command out{Tensions(x.n_cables), reel(wanted)};
-        if (!hold(x, regressor(s, x.w(), alpha) * theta_ + integral, out.f)) { ++n_infeasible; }
+        if (!hold(x, wrench, out.f)) { ++n_infeasible; }
         return out;
     }
 
@@ -398,6 +426,14 @@ public:
     }
 
 private:
+    void set_body(const Theta& theta)
+    {
+        theta_ = theta;
+        mass_ = detail::mass_matrix(theta);
+        const double share = 2.0 * theta[0] * config_.c().gravity / config_.n_cables();
+        for (int i = 0; i < config_.n_cables(); ++i) { pull_[i] = std::clamp(share, low_[i], high_[i]); }
+    }
+
     /// l_d' [m] of the reference.
     Tensions reel(const Reference& wanted) const
     {

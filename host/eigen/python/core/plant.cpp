@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Part of inertiad_core: forward dynamics under a controller, the cables' mass, tension distribution, bus arbitration.
-#include "../binding.hpp"
+#include "motion.hpp"
 
 #include <inertiad/arbitration.hpp>
 #include <inertiad/plant.hpp>
@@ -11,31 +11,7 @@ using namespace binding;
 
 namespace {
 
-using Table = In<Dim<-1>, Dim<-1>>;
 using inertiad::PlantState;
-
-/// Views of what the platform should do at the K instants of control.
-struct References {
-    InN3 p, v, a;
-    InN33 R;
-    InN3 w, alpha;
-
-    std::size_t size() const { return p.shape(0); }
-
-    void check() const
-    {
-        const std::pair<std::size_t, const char*> rows[] = {
-            {v.shape(0), "v"}, {a.shape(0), "a"}, {R.shape(0), "R"}, {w.shape(0), "w"}, {alpha.shape(0), "alpha"}};
-        for (const auto& [n, name] : rows) { require_rows(size(), n, name); }
-        if (size() == 0) { throw std::invalid_argument("p: needs a row"); }
-    }
-
-    inertiad::Reference at(std::size_t k) const
-    {
-        const auto row = [k](const InN3& x) { return Eigen::Map<const inertiad::Vector3>(x.data() + 3 * k); };
-        return {row(p), row(v), row(a), Eigen::Map<const inertiad::Matrix3>(R.data() + 9 * k), row(w), row(alpha)};
-    }
-};
 
 /// Growing arrays of what happened, one row per integration step.
 struct Log {
@@ -60,6 +36,8 @@ struct Log {
     Out<3> R;
     Out<2> w, alpha, f;
 };
+
+using inertiad::PlantState;
 
 PlantState start(const inertiad::Reference& wanted, const Table& tilt, Eigen::Index m)
 {
@@ -144,17 +122,6 @@ private:
     inertiad::Controller holder_, controller_;
     const Table& lengths_;
 };
-
-std::vector<inertiad::PayloadChange> changes_of(const Table& payload)
-{
-    std::vector<inertiad::PayloadChange> out;
-    if (payload.shape(0) > 0 && payload.shape(1) != 12) { throw std::invalid_argument("payload: needs 12 columns"); }
-    for (std::size_t k = 0; k < payload.shape(0); ++k) {
-        const double* row = payload.data() + 12 * k;
-        out.push_back({row[0], row[1], Eigen::Map<const inertiad::Theta>(row + 2)});
-    }
-    return out;
-}
 
 nb::dict forward(const inertiad::Config& truth, const inertiad::Config& believed, const inertiad::Theta& theta,
                  const inertiad::Theta& theta_believed, const Table& payload, const References& wanted,

@@ -12,7 +12,7 @@ from typer.exceptions import TyperException
 
 from inertiad.base.error import InputError
 from inertiad.base.version import version
-from inertiad.cli import exchange, identify, live, robot, run, start
+from inertiad.cli import control, exchange, identify, live, robot, run, start
 from inertiad.cli.options import say
 
 HELP = {"help_option_names": ["-h", "--help"]}
@@ -26,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-for module in (start, robot, run, identify, live, exchange):
+for module in (start, robot, run, identify, control, live, exchange):
     app.add_typer(module.commands)
 
 

@@ -127,7 +127,7 @@ def _fastest(mechanics: Mechanics, motion: Motion, stiffness: float) -> float:
     return float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(np.column_stack(columns), K))).max()))
 
 
-def _step(mechanics: Mechanics, motion: Motion, plant: Plant, rate: float) -> float:
+def step_of(mechanics: Mechanics, motion: Motion, plant: Plant, rate: float) -> float:
     """s: a whole part of the sample period, short enough for the fastest oscillation."""
     longest = STEP_MAX
     if plant.stiffness > 0.0:
@@ -177,7 +177,8 @@ def hang(mechanics: Mechanics, lengths: Array, guess: Motion, stiffness: float) 
     return _motion_at_rest(found.x[:6]), np.asarray(found.x[6:])
 
 
-def _control_instants(trajectory: Trajectory, step: float, per_control: int) -> Array:
+def control_instants(trajectory: Trajectory, step: float, per_control: int) -> Array:
+    """s [K] from the start of the motion to its end."""
     period = step * per_control
     return period * np.arange(np.ceil(trajectory.duration / period - 1e-9) + 1.0)
 
@@ -199,7 +200,8 @@ def believed_by_controller(robot: Robot, source: str, mechanics: Mechanics) -> M
     return Mechanics(config, robot, robot.nominal or mechanics.body)
 
 
-def _payload_rows(payloads: tuple[Payload, ...]) -> Array:
+def payload_rows(payloads: tuple[Payload, ...]) -> Array:
+    """t, ramp and change of theta of each [J, 12]."""
     return np.array([[p.time, p.ramp, *p.theta] for p in payloads]).reshape(-1, 12)
 
 
@@ -214,9 +216,9 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
             f"--plant: {n_cables} cables leave the platform free to swing, rigid ones would have to follow it: "
             "allowed: elastic, or a file with a stiffness"
         )
-    step = _step(mechanics, trajectory.at(np.zeros(1)), plant, rate)
+    step = step_of(mechanics, trajectory.at(np.zeros(1)), plant, rate)
     per_control = max(1, round(1.0 / (plant.control_rate * step)))
-    t = _control_instants(trajectory, step, per_control)
+    t = control_instants(trajectory, step, per_control)
     wanted = trajectory.at(t)
     lengths, first = np.zeros((0, n_cables)), wanted
     if holds_length:
@@ -230,7 +232,7 @@ def move(mechanics: Mechanics, believed: Mechanics, trajectory: Trajectory, plan
         believed.config,
         configuration.theta_of(mechanics.body),
         configuration.theta_of(believed.body),
-        _payload_rows(mechanics.payloads),
+        payload_rows(mechanics.payloads),
         first.p,
         first.v,
         first.a,

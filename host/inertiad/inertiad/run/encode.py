@@ -65,6 +65,13 @@ def bit_positions(signal: Signal) -> list[tuple[int, int]]:
 
 def put_bits(data: NDArray[np.uint8], signal: Signal, raw: Bits) -> None:
     """Write the low bits of raw [N] into data [N, length] where the signal lies; its bits must be zero before."""
+    if data.shape[1] <= 8:
+        is_little = signal.byte_order == "little_endian"
+        last = signal.start if is_little else 63 - bit_positions(signal)[0][0] * 8 - 7 + bit_positions(signal)[0][1]
+        low = raw & np.uint64(2**signal.length - 1)
+        word = (low << np.uint64(last)).astype("<u8" if is_little else ">u8")
+        data |= word.view(np.uint8).reshape(-1, 8)[:, : data.shape[1]]
+        return
     for i, (byte, bit) in enumerate(bit_positions(signal)):
         data[:, byte] |= ((raw >> np.uint64(i) & np.uint64(1)) << np.uint64(bit)).astype(np.uint8)
 
@@ -118,17 +125,17 @@ def _tick_of(binding: Binding, t_device: Array) -> Bits:
     return np.mod(ticks, 2.0**binding.signal.length).astype(np.uint64)
 
 
-def _count_of(binding: Binding, n: int) -> Bits:
-    """Sample counter 0, 1, 2 ... wrapped to the signal's length."""
-    counter = np.arange(n, dtype=np.uint64)
+def _count_of(binding: Binding, first: int, n: int) -> Bits:
+    """Sample counter first, first + 1 ... wrapped to the signal's length."""
+    counter = np.arange(first, first + n, dtype=np.uint64)
     if binding.signal.is_float:
         return _float_bits(binding.signal, counter.astype(np.float64))
     return counter
 
 
-def _bits_of(binding: Binding, signals: Table, t_device: Array) -> Bits:
+def _bits_of(binding: Binding, signals: Table, t_device: Array, first: int) -> Bits:
     if binding.quantity in quantity.COUNTER:
-        return _count_of(binding, len(signals.t))
+        return _count_of(binding, first, len(signals.t))
     if binding.quantity in quantity.TIME:
         return _tick_of(binding, t_device)
     return raw_of(binding, signals.t, signals.columns[binding.quantity], signals.name)
@@ -145,13 +152,14 @@ def _pack_message(message: Message, bindings: list[Binding], bits: dict[int, Bit
     return data
 
 
-def pack(bindings: list[Binding], signals: Table, t_device: Array) -> list[Frames]:
+def pack(bindings: list[Binding], signals: Table, t_device: Array, first: int = 0) -> list[Frames]:
     """The frames of all bound messages, in the order they are sent: by bus, then by identifier.
 
-    signals must have a column for every binding but counters and times; t_device [N] is the sensors' clock [s].
+    signals must have a column for every binding but counters and times; t_device [N] is the sensors' clock [s]; first:
+    number of the first sample.
     """
     bindings = [b for b in bindings if b.quantity not in quantity.COUNTER or not dbc.carries_time(b, bindings)]
-    bits = {id(b): _bits_of(b, signals, t_device) for b in bindings}
+    bits = {id(b): _bits_of(b, signals, t_device, first) for b in bindings}
     groups: dict[tuple[int, int], list[Binding]] = {}
     for binding in bindings:
         groups.setdefault((binding.bus, binding.can_id), []).append(binding)
@@ -166,7 +174,7 @@ def pack(bindings: list[Binding], signals: Table, t_device: Array) -> list[Frame
     return frames
 
 
-def _lines(frames: Frames, t_us: NDArray[np.int64]) -> list[str]:
+def lines_of(frames: Frames, t_us: NDArray[np.int64]) -> list[str]:
     """candump lines of frames, without the time stamp's order being looked at."""
     extended = frames.can_id & dbc.EXTENDED_ID
     identifier = f"{frames.can_id & 0x1FFFFFFF:08X}" if extended else f"{frames.can_id:03X}"
@@ -197,7 +205,7 @@ def write_parts(path: Path, parts: list[tuple[Array, list[Frames]]], stamp: Stam
             for f, t_us in zip(on_bus, stamp(t, on_bus), strict=True):
                 seen = t_us != LOST
                 f, t_us = (f, t_us) if seen.all() else (replace(f, data=f.data[seen]), t_us[seen])
-                lines += _lines(f, t_us)
+                lines += lines_of(f, t_us)
                 stamps.append(t_us)
     order = np.argsort(np.concatenate(stamps), kind="stable").tolist()
     with path.open("w", encoding="ascii") as file:

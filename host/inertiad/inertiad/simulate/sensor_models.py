@@ -265,30 +265,65 @@ def draw(level: Faults, n_cables: int, dice: Dice) -> Drawn:
     )
 
 
+@dataclass(frozen=True)
+class Noise:
+    """What changes from sample to sample of a run's N samples."""
+
+    acc: Array
+    """m/s2 [N, 3], I axes"""
+    gyro: Array
+    """rad/s [N, 3], I axes"""
+    wander: Array
+    """rad [N, 3], of the attitude about its bias, P axes"""
+    force: Array
+    """N [N, m]"""
+    position: Array
+    """m [N, 3], of positions that come with the samples"""
+
+    def part(self, rows: slice) -> "Noise":
+        """That of some samples."""
+        return Noise(self.acc[rows], self.gyro[rows], self.wander[rows], self.force[rows], self.position[rows])
+
+
+def draw_noise(level: Faults, n: int, n_cables: int, rate: float, dice: Dice) -> Noise:
+    """Draw the noise of a run's n samples at rate [Hz]."""
+    force = white(level.force_noise_density, rate, (n, n_cables), dice["force_noise_density"])
+    return Noise(
+        acc=white(level.acc_noise_density, rate, (n, 3), dice["acc_noise"]),
+        gyro=white(np.deg2rad(level.gyro_noise_density_deg), rate, (n, 3), dice["gyro_noise"]),
+        wander=wander(
+            np.deg2rad(level.attitude_wander_deg), level.attitude_wander_time, rate, n, dice["attitude_wander"]
+        ),
+        force=force + level.force_noise * dice["force_noise"].standard_normal((n, n_cables)),
+        position=level.tracker_noise * dice["tracker_noise"].standard_normal((n, 3)),
+    )
+
+
+def imu_axes(R_PI: Array, drawn: Drawn) -> Array:
+    """Rotation [3, 3] of the IMU's true axes to P; R_PI: that of robot.toml."""
+    axes: Array = R_PI @ Rotation.from_rotvec(drawn.imu_alignment).as_matrix()
+    return axes
+
+
 def measure_imu(
-    s: Array, omega: Array, R: Array, R_PI: Array, level: Faults, drawn: Drawn, rate: float, dice: Dice
+    s: Array, omega: Array, R: Array, R_PI: Array, drawn: Drawn, noise: Noise
 ) -> tuple[Array, Array, Array]:
     """Simulated IMU samples.
 
     s [N, 3] specific force at the IMU and omega [N, 3], P axes; R [N, 3, 3] P to W; R_PI [3, 3] I to P of robot.toml.
     Returns acceleration [N, 3] and rate [N, 3] in I axes, unit quaternion [N, 4] w x y z, I to W.
     """
-    n = len(s)
-    R_true = R_PI @ Rotation.from_rotvec(drawn.imu_alignment).as_matrix()
-    acc = s @ R_true + drawn.acc_bias + white(level.acc_noise_density, rate, (n, 3), dice["acc_noise"])
-    gyro_density = np.deg2rad(level.gyro_noise_density_deg)
-    gyro = omega @ R_true + drawn.gyro_bias + white(gyro_density, rate, (n, 3), dice["gyro_noise"])
-    slow = wander(np.deg2rad(level.attitude_wander_deg), level.attitude_wander_time, rate, n, dice["attitude_wander"])
-    body = Rotation.from_matrix(R) * Rotation.from_rotvec(-drawn.attitude_bias - slow)
+    R_true = imu_axes(R_PI, drawn)
+    acc = s @ R_true + drawn.acc_bias + noise.acc
+    gyro = omega @ R_true + drawn.gyro_bias + noise.gyro
+    body = Rotation.from_matrix(R) * Rotation.from_rotvec(-drawn.attitude_bias - noise.wander)
     q = Rotation.from_euler("z", -drawn.world_yaw) * body * Rotation.from_matrix(R_true)
     return acc, gyro, q.as_quat(scalar_first=True)
 
 
-def measure_forces(f: Array, level: Faults, drawn: Drawn, rate: float, dice: Dice) -> Array:
+def measure_forces(f: Array, drawn: Drawn, noise: Noise) -> Array:
     """Simulated force samples of true tensions f [N, m], N."""
-    noise = white(level.force_noise_density, rate, f.shape, dice["force_noise_density"])
-    noise = noise + level.force_noise * dice["force_noise"].standard_normal(f.shape)
-    return (1.0 + drawn.force_gain) * f + drawn.force_offset + noise
+    return (1.0 + drawn.force_gain) * f + drawn.force_offset + noise.force
 
 
 def measure_positions(target: Array, level: Faults, dice: Dice) -> Array:
@@ -308,11 +343,24 @@ def out_of_sight(level: Faults, t: Array, dice: Dice) -> NDArray[np.bool_]:
     return np.asarray(lost)
 
 
-def freeze(level: Faults, t: Array, columns: dict[str, Array]) -> dict[str, Array]:
-    """Columns [N] over times t [N] of the motion, those of the stuck sensor held at their last value while it is."""
-    on = np.flatnonzero(level.is_on(t))
-    if not level.stuck or len(on) == 0:
-        return columns
-    held = max(int(on[0]) - 1, 0)
-    stuck = [name for name in columns if level.stuck in (name, quantity.sensor(name))]
-    return columns | {name: np.where(level.is_on(t), columns[name][held], columns[name]) for name in stuck}
+class Freezer:
+    """Holds the columns of the stuck sensor at their last value, sample after sample."""
+
+    def __init__(self, level: Faults) -> None:
+        self._level = level
+        self._last: dict[str, float] = {}
+
+    def freeze(self, t: Array, columns: dict[str, Array]) -> dict[str, Array]:
+        """Columns [N] over the next times t [N] of the motion, those of the stuck sensor held while it is."""
+        if not self._level.stuck or len(t) == 0:
+            return columns
+        on = self._level.is_on(t)
+        held = dict(columns)
+        for name, value in columns.items():
+            if self._level.stuck in (name, quantity.sensor(name)):
+                free = np.flatnonzero(~on)
+                before = free[free < np.argmax(on)] if on.any() else free
+                last = value[before[-1]] if len(before) else self._last.get(name, value[0])
+                held[name] = np.where(on, last, value)
+                self._last[name] = float(held[name][-1]) if on[-1] else float(value[-1])
+        return held

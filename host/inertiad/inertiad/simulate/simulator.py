@@ -35,7 +35,7 @@ from inertiad.run import encode, tracker_csv
 from inertiad.run import folder as run_folder
 from inertiad.run.encode import Frames
 from inertiad.simulate import bus_timing, sensor_models
-from inertiad.simulate.sensor_models import Drawn, Faults
+from inertiad.simulate.sensor_models import Drawn, Faults, Freezer, Noise
 
 START = 1.0
 """s, host time at which a run begins: early measurements must not reach back before 0."""
@@ -70,22 +70,35 @@ def measure_signals(
     dice: Dice,
 ) -> Table:
     """Simulated IMU and force samples at times t [N] of the trajectory, as a signals table in host time."""
+    noise = sensor_models.draw_noise(level, len(t), robot.n_cables, rate, dice)
+    f = _tensions(mechanics, trajectory, np.maximum(t - drawn.force_delay, 0.0))
+    return sample(robot, trajectory, f, t, Freezer(level), level, drawn, noise)
+
+
+def sample(
+    robot: Robot,
+    trajectory: Trajectory,
+    f: Array,
+    t: Array,
+    freezer: Freezer,
+    level: Faults,
+    drawn: Drawn,
+    noise: Noise,
+) -> Table:
+    """measure_signals() of samples whose noise and tensions f [N, m], as old as the sensors give them, are known."""
     motion = trajectory.at(t)
     R_PI = Rotation.from_quat(robot.imu.orientation, scalar_first=True).as_matrix()
     s = specific_force(motion, robot.gravity, np.array(robot.imu.position))
-    acc, gyro, q = sensor_models.measure_imu(s, motion.omega, motion.R, R_PI, level, drawn, rate, dice)
-    earlier = np.maximum(t - drawn.force_delay, 0.0)
-    f = sensor_models.measure_forces(_tensions(mechanics, trajectory, earlier), level, drawn, rate, dice)
+    acc, gyro, q = sensor_models.measure_imu(s, motion.omega, motion.R, R_PI, drawn, noise)
+    f = sensor_models.measure_forces(f, drawn, noise)
     columns = dict(zip(quantity.ACC + quantity.GYRO + quantity.QUATERNION, np.hstack([acc, gyro, q]).T, strict=True))
     columns |= dict(zip(quantity.forces(robot.n_cables), f.T, strict=True))
     rpy = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX")[:, ::-1]
     columns |= dict(zip(quantity.RPY, rpy.T, strict=True))
     if robot.position.source == "can":
-        xyz = sensor_models.measure_positions(
-            tracker_target(robot, trajectory.at(t - level.tracker_delay)), level, dice
-        )
+        xyz = tracker_target(robot, trajectory.at(t - level.tracker_delay)) + noise.position
         columns |= dict(zip(quantity.POSITION, xyz.T, strict=True))
-    return Table(START + t, sensor_models.freeze(level, t, columns), "simulation")
+    return Table(START + t, freezer.freeze(t, columns), "simulation")
 
 
 def measure_tracker(robot: Robot, trajectory: Trajectory, level: Faults, dice: Dice) -> Table:
@@ -207,20 +220,22 @@ def body_of(robot: Robot, file: Path | None, mass: float | None) -> Nominal:
     return body if mass is None else validate(Nominal, body.model_dump() | {"mass": mass}, "--mass")
 
 
-def _sample_times(run: Run) -> Array:
+def sample_times(run: Run) -> Array:
+    """s [N] from the start of the motion. InputError: too few or too many."""
     n = int(run.trajectory.duration * run.rate + 1e-9) + 1
     if not 2 <= n <= SAMPLES_MAX:
         raise InputError(f"{n} samples at {run.rate:g} Hz: allowed: 2 to {SAMPLES_MAX}")
     return np.arange(n) / run.rate
 
 
-def _mechanics(run: Run, drawn: Drawn) -> Mechanics:
+def mechanics_of(run: Run, drawn: Drawn) -> Mechanics:
+    """The true robot with the errors drawn."""
     true_robot = with_true_geometry(run.robot, drawn)
     config = inertiad_core.Config(configuration.compile_robot(true_robot, str(run.robot_file)))
     return Mechanics(config, true_robot, run.body, drawn.swing, run.payloads)
 
 
-def _check_sensors(run: Run) -> None:
+def check_sensors(run: Run) -> None:
     """InputError: a fault of a sensor that the robot does not have."""
     for key in ("stuck", "silent"):
         name = getattr(run.level, key)
@@ -228,7 +243,7 @@ def _check_sensors(run: Run) -> None:
             raise InputError(f'{run.faults_name}: {key} = "{name}": allowed: f_1 to f_{run.robot.n_cables}')
 
 
-def _device_time(level: Faults, drawn: Drawn, t: Array) -> Array:
+def device_time(level: Faults, drawn: Drawn, t: Array) -> Array:
     """The sensors' clock [N] at times t [N] of the motion, s."""
     return (1.0 + drawn.clock_drift) * t + level.clock_step * (t >= level.fault_start)
 
@@ -275,15 +290,15 @@ def simulate(run: Run, folder: Path, progress: Progress, pack: Pack = encode.pac
     """
     robot, level, dice, source = run.robot, run.level, Dice(run.seed), str(run.robot_file)
     progress("bind signals")
-    _check_sensors(run)
+    check_sensors(run)
     bindings = dbc.bind(robot, source)
     drawn = sensor_models.draw(level, robot.n_cables, dice)
-    mechanics, t = _mechanics(run, drawn), _sample_times(run)
+    mechanics, t = mechanics_of(run, drawn), sample_times(run)
     progress("move the platform")
     path, remarks = _path(run, mechanics)
     signals = measure_signals(robot, mechanics, path, t, level, drawn, run.rate, dice)
     progress("pack frames")
-    frames = pack(bindings, signals, _device_time(level, drawn, t))
+    frames = pack(bindings, signals, device_time(level, drawn, t))
     run_folder.open_run(folder)
     progress("write files")
     run_folder.write_robot(folder, robot, _description(run), bitrate=None if level.bus_timing else 0.0)

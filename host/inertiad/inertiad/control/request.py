@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The request of the command line: which trials, with everything that it leaves open chosen by the robot."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from inertiad.base.error import InputError
+from inertiad.control import experiment
+from inertiad.control.experiment import Request
+from inertiad.simulate import request as simulation
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """The command line's words; see `inertiactl control -h`."""
+
+    payload: tuple[str, ...] = ()
+    bandwidth: str = "1.5"
+    arms: str = "nominal,live,oracle,adaptive"
+    is_pose_measured: bool = False
+    plant: str = "rigid"
+    faults: str = "modern"
+    seeds: int = 1
+    trajectory: str | None = None
+    body: Path | None = None
+    mass: float | None = None
+    kill: float | None = None
+    duration: float = 10.0
+    """s, of hold"""
+
+
+def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[str]]:
+    """The trials and what was assumed for them. InputError: a word, the robot or the body is not usable."""
+    if arguments.plant == "exact":
+        raise InputError(
+            '--plant "exact": a platform that is where the trajectory says needs no controller: '
+            "allowed: rigid, elastic, or a .toml file"
+        )
+    words = simulation.Arguments(
+        trajectory=arguments.trajectory,
+        faults=arguments.faults,
+        body=arguments.body,
+        mass=arguments.mass,
+        duration=arguments.duration,
+        plant=arguments.plant,
+        payload=arguments.payload,
+    )
+    run, remarks = simulation.run_of(robot_file, words)
+    known = run.robot.model_copy(update={"nominal": run.body})
+    return Request(
+        replace(run, robot=known),
+        experiment.arms(arguments.arms),
+        experiment.bandwidths(arguments.bandwidth),
+        tuple(range(arguments.seeds)),
+        arguments.is_pose_measured,
+        np.inf if arguments.kill is None else arguments.kill,
+    ), remarks

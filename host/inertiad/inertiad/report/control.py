@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page about a controller that takes its parameters from somewhere: errors over time, by phase and bandwidth."""
+
+from pathlib import Path
+
+import numpy as np
+
+from inertiad.base.finding import Finding
+from inertiad.control import experiment
+from inertiad.control.closed_loop import SOURCES
+from inertiad.control.experiment import HEAD, PHASES, Outcome, Request
+from inertiad.report import page, provenance
+from inertiad.report.figure import Color, Figure, Mark, Panel, Points, Table, line
+from inertiad.report.page import Fold, Page, Section, Tile
+from inertiad.report.verdict import Verdict
+
+COLORS: dict[str, Color] = {"nominal": "nominal", "live": "estimate", "oracle": "truth", "adaptive": 3}
+TITLES = {"before": "before the contact", "transient": "first 3 s after it", "late": "later"}
+WORSE_SHARE, WORSE_MM = 1.05, 0.2
+"""live may be worse than nominal by the larger of 5 % and 0.2 mm"""
+STEP_MAX = 0.02
+"""of the tensions' range, by which a hand-over may move a tension at once"""
+
+
+def _over_time(outcomes: list[Outcome], bandwidth: float) -> Figure:
+    """Errors and mass of the first seed."""
+    seed = outcomes[0].seed
+    some = [o for o in outcomes if o.bandwidth == bandwidth and o.seed == seed]
+    error: list[Mark] = []
+    turn: list[Mark] = []
+    mass: list[Mark] = []
+    for o in some:
+        color = COLORS[o.arm]
+        error.append(line(o.trace.t, np.maximum(1e3 * o.trace.error, 1e-3), o.arm, color))
+        turn.append(line(o.trace.t, np.maximum(np.rad2deg(o.trace.turn), 1e-4), o.arm, color))
+        mass.append(line(o.trace.t, o.trace.theta[:, 0], o.arm, color))
+    panels = [
+        Panel(error, "error of the place, mm", "s", log=True),
+        Panel(turn, "error of the attitude, deg", "s", log=True),
+        Panel(mass, "mass that the controller uses, kg", "s"),
+    ]
+    caption = f"Seed {seed}, bandwidth {bandwidth:g} Hz."
+    key = f"time-{bandwidth:g}".replace(".", "_")
+    return Figure(key, f"A motion at {bandwidth:g} Hz", caption, panels, 1, 240)
+
+
+def _by_phase(outcomes: list[Outcome]) -> Figure:
+    labels = [f"{b:g} Hz" for b in dict.fromkeys(o.bandwidth for o in outcomes)]
+    panels = []
+    for phase in PHASES:
+        marks: list[Mark] = []
+        for arm in dict.fromkeys(o.arm for o in outcomes):
+            rms = [
+                float(
+                    np.median(
+                        [o.phases[phase].rms_mm for o in experiment.select(outcomes, arm, b) if phase in o.phases]
+                        or [np.nan]
+                    )
+                )
+                for b in dict.fromkeys(o.bandwidth for o in outcomes)
+            ]
+            marks.append(Points(labels, rms, arm, COLORS[arm]))
+        panels.append(Panel(marks, f"{TITLES[phase]}, rms, mm", log=True))
+    return Figure("phases", "Errors by phase", "Medians over the seeds; logarithmic.", panels, 3, 260)
+
+
+def _worse(outcomes: list[Outcome]) -> list[str]:
+    """Seeds and bandwidths at which live parameters are worse than nominal ones."""
+    found = []
+    nominal = {(o.bandwidth, o.seed): o for o in outcomes if o.arm == "nominal"}
+    for live in (o for o in outcomes if o.arm == "live"):
+        other = nominal.get((live.bandwidth, live.seed))
+        if other is None:
+            continue
+        for name in ("rms_mm", "max_mm"):
+            ours, theirs = getattr(live.whole, name), getattr(other.whole, name)
+            if ours > max(WORSE_SHARE * theirs, theirs + WORSE_MM):
+                found.append(f"{live.bandwidth:g} Hz, seed {live.seed}: {name[:3]} {ours:.2f} against {theirs:.2f} mm")
+    return found
+
+
+def judge(outcomes: list[Outcome]) -> Verdict:
+    """Findings: is the controller better with live parameters, and never worse?"""
+    findings = []
+    medians = experiment.document(outcomes)
+    if "live" in medians and "nominal" in medians:
+        worse = _worse(outcomes)
+        for bandwidth, ours in medians["live"].items():
+            theirs = medians["nominal"][bandwidth]
+            ratio = theirs["late_rms_mm"] / max(ours["late_rms_mm"], 1e-9)
+            says = (
+                f"{bandwidth} Hz: rms after the transient {ours['late_rms_mm']:.2f} mm with live parameters, "
+                f"{theirs['late_rms_mm']:.2f} mm with nominal ones: {ratio:.1f} times less"
+            )
+            findings.append(Finding("gain", "good" if ratio >= 1.0 else "care", says))
+        findings.append(
+            Finding("worse", "stop", f"live parameters are worse than nominal ones: {'; '.join(worse[:5])}")
+            if worse
+            else Finding("worse", "good", "live parameters are in no trial worse than nominal ones by 5 % and 0.2 mm")
+        )
+        step = max(o.hand_over for o in outcomes if o.arm == "live")
+        findings.append(
+            Finding(
+                "hand_over",
+                "good" if step <= STEP_MAX else "care",
+                f"the greatest step of a tension by a hand-over is {100 * step:.2f} % of its range",
+            )
+        )
+    beyond = sorted({o.arm for o in outcomes if o.beyond > 0.0})
+    if beyond:
+        findings.append(Finding("limits", "care", f"a limit of the tensions is broken with: {', '.join(beyond)}"))
+    is_good = all(finding.severity == "good" for finding in findings)
+    severity = "good" if is_good else "stop" if any(f.severity == "stop" for f in findings) else "care"
+    headline = "Live parameters serve the controller" if is_good else "Look at the findings"
+    return Verdict(severity, headline, findings)
+
+
+def _tiles(outcomes: list[Outcome]) -> list[Tile]:
+    medians = experiment.document(outcomes)
+    bandwidth = next(iter(next(iter(medians.values()))))
+    return [
+        Tile(f"{arm} parameters", f"{values[bandwidth]['late_rms_mm']:.2f}", "mm", f"late rms, {bandwidth} Hz")
+        for arm, values in medians.items()
+    ]
+
+
+def page_of(request: Request, outcomes: list[Outcome], command: str) -> Page:
+    """The page."""
+    run = request.run
+    taken = [f"{p.theta[0]:+g} kg at {p.time:g} s" for p in run.payloads]
+    said = experiment.notes(outcomes)
+    offers = [[name, str(n)] for name, n in experiment.summary(outcomes).items()]
+    blocks: list[page.Block] = [_over_time(outcomes, b) for b in request.bandwidths]
+    method = (
+        "Computed torque with an integral; tensions distributed within their limits. nominal: the body at the start. "
+        "live: ESTIMATE through the parameter gate, from the daemon in lock-step. oracle: the true body at every "
+        "instant. adaptive: Slotine and Li's law, adapting along bodies that can exist, without identification."
+    )
+    pose = "as tracker and IMU give it, with their delays" if request.is_pose_measured else "the true one"
+    origin = [["command", command], ["pose of the controller", pose], ["sources of parameters", ", ".join(SOURCES)]]
+    origin += [[name, value] for name, value in provenance.versions()]
+    sections = [
+        Section(
+            "errors",
+            "Errors",
+            [
+                Table(
+                    list(HEAD),
+                    experiment.rows(outcomes),
+                    foot="mm; medians over the seeds, hand-over and over limit: the worst.",
+                ),
+                _by_phase(outcomes),
+                *blocks,
+            ],
+        ),
+        Section(
+            "told",
+            "What was told",
+            [*(said or ["Nothing."]), Fold("Offers to the gate", Table(["", "estimates"], offers))],
+        ),
+        Section("method", "Method", [method, Table(["", ""], origin, numbers=False)]),
+    ]
+    subtitle = f"{run.robot.name}, {run.body.mass:g} kg, {', '.join(taken) or 'no payload'}, {run.faults_name} sensors"
+    return Page(
+        "Control with live parameters",
+        f"{subtitle}, {len(request.seeds)} seeds",
+        judge(outcomes),
+        _tiles(outcomes),
+        sections,
+    )
+
+
+def write(path: Path, request: Request, outcomes: list[Outcome], command: str) -> None:
+    """control.html."""
+    path.write_text(page.render(page_of(request, outcomes, command)), encoding="utf-8")
