@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A controller in Python that follows the daemon: its ESTIMATE goes through the parameter gate, whose parameters give the
+"""A controller in Python that follows the daemon: ESTIMATE goes through the parameter gate, whose parameters give the
 wrench to feed forward. Prints a line per estimate until interrupted or the log ends.
 
 Usage: PYTHONPATH=build/python:host/inertiad python host/examples/follow.py LCM_URL robot.toml

@@ -27,9 +27,10 @@ MOTION = "t,x,y,z,roll,pitch,yaw\n"
 def motion(folder: Path, seconds: float) -> str:
     """A pose CSV that moves in all six coordinates from rest to rest."""
     t = np.linspace(0.0, seconds, int(10 * seconds) + 1)
-    grow = np.minimum(1.0, np.minimum(t, seconds - t)) ** 2
-    columns = [grow * a * np.sin(2.0 * np.pi * f * t) for a, f in ((0.4, 0.31), (0.4, 0.23), (0.3, 0.41))]
-    columns += [grow * a * np.sin(2.0 * np.pi * f * t) for a, f in ((0.2, 0.47), (0.2, 0.37), (0.3, 0.29))]
+    share = np.clip(np.minimum(t, seconds - t), 0.0, 1.0)
+    grow = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    columns = [grow * a * np.sin(2.0 * np.pi * f * t) for a, f in ((0.3, 0.31), (0.3, 0.23), (0.2, 0.41))]
+    columns += [grow * a * np.sin(2.0 * np.pi * f * t) for a, f in ((0.12, 0.47), (0.12, 0.37), (0.15, 0.29))]
     columns[2] = columns[2] + 2.0
     path = folder / f"motion{seconds:g}.csv"
     rows = "\n".join(",".join(f"{x:.6f}" for x in row) for row in zip(t, *columns, strict=True))
@@ -38,7 +39,7 @@ def motion(folder: Path, seconds: float) -> str:
 
 
 def words(folder: Path, **changed: object) -> request.Arguments:
-    chosen = {"mass": 91.0, "trajectory": motion(folder, 8.0), "payload": ("70@3",)}
+    chosen = {"mass": 91.0, "trajectory": motion(folder, 10.0), "payload": ("70@5",)}
     return request.Arguments(**(chosen | changed))  # type: ignore[arg-type]
 
 
@@ -59,7 +60,7 @@ def nominal(tmp_path_factory):
 
 def late(trace: closed_loop.Trace) -> float:
     """m, rms from 3 s after the contact on."""
-    return float(np.sqrt(np.mean(trace.error[trace.t >= 6.0] ** 2)))
+    return float(np.sqrt(np.mean(trace.error[trace.t >= 8.0] ** 2)))
 
 
 @pytest.mark.slow
@@ -93,27 +94,41 @@ def test_exact_parameters_are_best_and_adapted_ones_learn(nominal, tmp_path):
 
 @pytest.mark.slow
 def test_daemon_that_dies_leaves_the_last_good_parameters(tmp_path):
-    trace = closed_loop.control(replace(trial(tmp_path, "live"), kill_at=5.0, stale_at=4.8))
+    trace = closed_loop.control(replace(trial(tmp_path, "live"), kill_at=8.0, stale_at=7.8))
     texts = [text for _, text in trace.told]
     assert "the daemon was killed" in texts and "the daemon was started again" in texts
     assert any("not newer than the last estimate" in text for text in texts)
     assert f"controller: {SOURCES[2]}" in texts
-    assert np.abs(trace.theta[trace.t > 5.0][:, 0] - 161.0).max() < 3.0
-    assert trace.error[trace.t > 6.0].max() < 0.01
+    assert np.abs(trace.theta[trace.t > 8.0][:, 0] - 161.0).max() < 3.0
+    assert trace.error[trace.t > 8.0].max() < 0.01
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("preset", "said"), [("blind", "position: lost"), ("stuck", "stuck at"), ("silent", "force: lost")])
+@pytest.mark.parametrize(
+    ("preset", "said"), [("blind", "position: lost"), ("stuck", "stuck at"), ("silent", "force: lost")]
+)
 def test_lost_sensors_are_told_and_the_loop_goes_on(preset, said, tmp_path):
     trace = closed_loop.control(trial(tmp_path, "live", faults=preset))
     assert any(said in text for _, text in trace.told), trace.told
-    assert trace.t[-1] == pytest.approx(8.0, abs=0.01)
+    assert trace.t[-1] == pytest.approx(10.0, abs=0.01)
     assert trace.error.max() < 0.2
 
 
+@pytest.mark.slow
 def test_command_writes_the_contract(tmp_path):
     arguments = ["--mass", "91", "--payload", "70@1", "--trajectory", motion(tmp_path, 3.0), "--bandwidth", "1.5,3"]
-    command = [sys.executable, "-m", "inertiad", "control", ROBOT, *arguments, "--faults", "paper", "-o", tmp_path / "out"]
+    command = [
+        sys.executable,
+        "-m",
+        "inertiad",
+        "control",
+        ROBOT,
+        *arguments,
+        "--faults",
+        "paper",
+        "-o",
+        tmp_path / "out",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=TOP)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "out/control.json").read_text())
@@ -149,7 +164,7 @@ def test_bad_words_are_refused(changed, said, tmp_path):
 
 def test_median_over_seeds_is_written(tmp_path):
     wanted, _ = request.request_of(ROBOT, words(tmp_path))
-    t = np.array([0.0, 4.0, 7.0])
+    t = np.array([0.0, 6.0, 9.0])
     outcomes = []
     for seed, error in enumerate((0.001, 0.002, 0.009)):
         zero = np.zeros(3)
@@ -168,10 +183,11 @@ def items(run: Path) -> list[str]:
     return [f"{line}\n" for _, _, line in sorted(lines, key=lambda item: item[:2])]
 
 
+@pytest.mark.slow
 def test_lock_step_gives_the_estimates_of_a_replay(tmp_path):
     inertiactl = [sys.executable, "-m", "inertiad"]
     run, config = tmp_path / "run", tmp_path / "run/robot.cfg"
-    moved = ["--trajectory", motion(tmp_path, 5.0), "--faults", "paper", "-o", run]
+    moved = ["--trajectory", motion(tmp_path, 3.0), "-o", run]
     subprocess.run([*inertiactl, "simulate", ROBOT, *moved], check=True, capture_output=True)
     subprocess.run([*inertiactl, "compile", run / "robot.toml", "-o", config], check=True, capture_output=True)
     files = ["--bus", f"file:{run / 'can.log'}", "--tracker", f"file:{run / 'tracker.csv'}", "--lcm", "none"]
@@ -216,6 +232,6 @@ def test_python_example_follows_estimates(tmp_path):
     done = subprocess.run(program, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     rows = np.array([line.split() for line in done.stdout.splitlines()], dtype=float)
-    assert rows[0, 2] == pytest.approx(161.058 * 9.81, abs=1e-3)
+    assert rows[0, 2] == pytest.approx(161.058 * 9.81, rel=1e-3)
     assert rows[-1, 2] < rows[0, 2]
     assert "more of them in a row are needed" in done.stderr

@@ -305,3 +305,108 @@ def arbitrate(release: Sequence[float], priority: Sequence[int], took: Sequence[
     """
     Ends [N] s of frames on a bus, from when they wait [N] s, priority [N] (less is first), how long they take [N] s. arbitration.hpp
     """
+
+class GateLimits:
+    """What a gate demands of an estimate. parameter_gate.h"""
+
+    def __init__(self) -> None: ...
+
+    @property
+    def mass_std(self) -> float: ...
+
+    @mass_std.setter
+    def mass_std(self, arg: float, /) -> None: ...
+
+    @property
+    def cog_std(self) -> float: ...
+
+    @cog_std.setter
+    def cog_std(self, arg: float, /) -> None: ...
+
+    @property
+    def inertia_std(self) -> float: ...
+
+    @inertia_std.setter
+    def inertia_std(self, arg: float, /) -> None: ...
+
+    @property
+    def verdict_max(self) -> int: ...
+
+    @verdict_max.setter
+    def verdict_max(self, arg: int, /) -> None: ...
+
+    @property
+    def age_max(self) -> float: ...
+
+    @age_max.setter
+    def age_max(self, arg: float, /) -> None: ...
+
+    @property
+    def transition_time(self) -> float: ...
+
+    @transition_time.setter
+    def transition_time(self, arg: float, /) -> None: ...
+
+    @property
+    def step_sigmas(self) -> float: ...
+
+    @step_sigmas.setter
+    def step_sigmas(self, arg: float, /) -> None: ...
+
+    @property
+    def n_return(self) -> int: ...
+
+    @n_return.setter
+    def n_return(self, arg: int, /) -> None: ...
+
+    @property
+    def keep_last_good(self) -> bool: ...
+
+    @keep_last_good.setter
+    def keep_last_good(self, arg: bool, /) -> None: ...
+
+def gate_reason(reason: int) -> str:
+    """What an offer's outcome means, in words; 0: taken. parameter_gate.h"""
+
+class ParameterGate:
+    """The parameters that a control loop may use. parameter_gate.h"""
+
+    def __init__(self, nominal: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], limits: GateLimits = ...) -> None: ...
+
+    def offer(self, sequence: int, t_ns: int, n_changes: int, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], covariance: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')], observable: Sequence[bool], verdict: int, now_ns: int) -> int:
+        """
+        Offer an estimate, the fields of ESTIMATE, at host time now_ns; what became of it: gate_reason()
+        """
+
+    def read(self, now_ns: int) -> dict:
+        """
+        dict of theta [10], source, sequence, age [s], is_moving at host time now_ns
+        """
+
+class PoseSensors:
+    """The pose that a controller gets from sensors. pose_observer.hpp"""
+
+    def __init__(self, imu_t: Sequence[float], imu_arrival: Sequence[float], attitude_error: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], gyro_error: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], acc_error: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alignment: Annotated[NDArray[numpy.float64], dict(shape=(3, 3), order='C')], yaw: float, tracker_t: Sequence[float], tracker_error: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], tracker_delay: float, target: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')], observer_rate: float) -> None: ...
+
+class ControlLoop:
+    """
+    A platform under a controller with parameters of a source: arm 0 nominal, 1 live through the gate, 2 exact, 3 adaptive. control_loop.hpp
+    """
+
+    def __init__(self, truth: Config, believed: Config, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], nominal: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], payload: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], p: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], v: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], a: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], R: Annotated[NDArray[numpy.float64], dict(shape=(None, 3, 3), order='C', device='cpu', writable=False)], omega: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], alpha: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), order='C', device='cpu', writable=False)], tilt: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], arm: int, limits: GateLimits, start_ns: int, sensors: PoseSensors | None, step: float, steps_per_control: int, EA: float, damping_time: float, winch_rate: float, control_rate: float, swing_damping: float, swings: bool) -> None: ...
+
+    def advance(self, n: int) -> bool:
+        """Go on by n periods of control; False: the motion is over"""
+
+    def offer(self, sequence: int, t_ns: int, n_changes: int, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], covariance: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')], observable: Sequence[bool], verdict: int, now_ns: int) -> int:
+        """As ParameterGate.offer()"""
+
+    def states(self, first: int, last: int) -> NDArray[numpy.float64]:
+        """
+        Rows [N, 19 + m] of the integration: p, v, q (w x y z), omega, a, alpha, f
+        """
+
+    def trace(self) -> dict:
+        """
+        dict of a row per control instant: e_p [K,3] m, e_R rad, tension_norm, tension_step and beyond N, theta [K,10], source, sequence; and n_infeasible. control_loop.hpp
+        """

@@ -7,7 +7,7 @@ The controller runs at its own rate and reads the gate at every instant; it look
 
 import tempfile
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -157,7 +157,7 @@ def _loop(trial: Trial, sensors: OnlineSensors) -> tuple[Any, float, int, Mechan
     """The ControlLoop, its step of integration [s], steps per control, and the true robot, which must outlive it."""
     run = trial.run
     assert run.plant is not None and run.robot.nominal is not None
-    plant = replace_bandwidth(run.plant, trial.bandwidth)
+    plant = run.plant.model_copy(update={"control_hz": trial.bandwidth})
     mechanics = simulator.mechanics_of(run, sensors.drawn)
     believed = forward_dynamics.believed_by_controller(run.robot, str(run.robot_file), mechanics)
     step = forward_dynamics.step_of(mechanics, run.trajectory.at(np.zeros(1)), plant, run.rate)
@@ -172,8 +172,13 @@ def _loop(trial: Trial, sensors: OnlineSensors) -> tuple[Any, float, int, Mechan
         configuration.theta_of(mechanics.body),
         configuration.theta_of(run.robot.nominal),
         forward_dynamics.payload_rows(mechanics.payloads),
-        *(np.ascontiguousarray(getattr(wanted, name)) for name in ("p", "v", "a", "R", "omega", "alpha")),
-        np.ascontiguousarray(tilt),
+        p=np.ascontiguousarray(wanted.p),
+        v=np.ascontiguousarray(wanted.v),
+        a=np.ascontiguousarray(wanted.a),
+        R=np.ascontiguousarray(wanted.R),
+        omega=np.ascontiguousarray(wanted.omega),
+        alpha=np.ascontiguousarray(wanted.alpha),
+        tilt=np.ascontiguousarray(tilt),
         arm=ARMS.index(trial.arm),
         limits=inertiad_core.GateLimits(),
         start_ns=round(1e9 * START),
@@ -188,11 +193,6 @@ def _loop(trial: Trial, sensors: OnlineSensors) -> tuple[Any, float, int, Mechan
         swings=plant.swings,
     )
     return loop, step, per_control, mechanics
-
-
-def replace_bandwidth(plant: forward_dynamics.Plant, bandwidth: float) -> forward_dynamics.Plant:
-    """The plant under a controller of another bandwidth [Hz]."""
-    return plant.model_copy(update={"control_hz": bandwidth})
 
 
 def _advance(
@@ -213,13 +213,14 @@ def _advance(
 def _trace(loop: Any, period: float, mailbox: _Mailbox | None) -> Trace:
     found = loop.trace()
     source = found["source"].astype(int)
-    t = period * np.arange(len(source))
+    t: Array = period * np.arange(len(source))
+    error: Array = np.asarray(np.sqrt(np.sum(found["e_p"] ** 2, axis=1)), dtype=np.float64)
     told = list(mailbox.told) if mailbox else []
     for k in np.flatnonzero(np.diff(source)) + 1:
         told.append((float(t[k]), f"controller: {SOURCES[source[k]]}"))
     return Trace(
         t,
-        np.linalg.norm(found["e_p"], axis=1),
+        error,
         np.abs(found["e_R"]),
         found["tension_norm"],
         found["tension_step"],
@@ -244,15 +245,10 @@ def control(trial: Trial) -> Trace:
         try:
             _advance(trial, loop, sensors, step, per_control, mailbox)
         except ValueError as error:
-            raise InputError(
-                f"trajectory: {error}{below_hint(mechanics.robot, float(trial.run.trajectory.at(np.zeros(1)).p[0, 2]))}"
-            ) from None
+            height = float(trial.run.trajectory.at(np.zeros(1)).p[0, 2])
+            where = f"{trial.arm} parameters at {trial.bandwidth:g} Hz, seed {trial.run.seed}"
+            raise InputError(f"{where}: {error}{below_hint(mechanics.robot, height)}") from None
         finally:
             if mailbox is not None:
                 mailbox.close()
     return _trace(loop, per_control * step, mailbox)
-
-
-def with_seed(run: Run, seed: int) -> Run:
-    """The same run with other random errors."""
-    return replace(run, seed=seed)

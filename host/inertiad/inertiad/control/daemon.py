@@ -61,7 +61,7 @@ class Daemon:
             raise InputError(f"inertiad ended: {said[-1] if said else 'it said nothing'}") from None
 
     def _answer(self, file: IO[bytes]) -> list[Event]:
-        events = []
+        events: list[Event] = []
         while True:
             _, number, t_us, n_channel, n_data = lcmlog.HEAD.unpack(_read(file, lcmlog.HEAD.size))
             channel, data = _read(file, n_channel).decode(), _read(file, n_data)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inertiad.base.error import InputError
-from inertiad.base.table import Array
 from inertiad.control import closed_loop
 from inertiad.control.closed_loop import ARMS, Trace, Trial
 from inertiad.robot.messages import nearest
@@ -61,7 +61,7 @@ class Outcome:
         return dict(zip(KEYS, values, strict=True))
 
 
-def _phase(trace: Trace, part: Array) -> Phase:
+def _phase(trace: Trace, part: NDArray[np.bool_]) -> Phase:
     error, turn = 1e3 * trace.error[part], np.rad2deg(trace.turn[part])
     return Phase(
         float(np.sqrt(np.mean(error**2))),

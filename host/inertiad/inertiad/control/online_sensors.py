@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -73,7 +74,7 @@ class OnlineSensors:
         self._seen = ~sensor_models.out_of_sight(level, self._all_t, self.dice)
         return self._all_t[self._seen]
 
-    def _arrivals(self) -> list[Array]:
+    def _arrivals(self) -> list[NDArray[np.int64]]:
         """us at which each frame of every sample is stamped, in the order of encode.pack(); LOST: it is."""
         robot, run = self.run.robot, self.run
         first = self.t[:1]
@@ -81,7 +82,7 @@ class OnlineSensors:
         columns |= dict(zip(("q_w", "q_x", "q_y", "q_z"), np.array([[1.0], [0.0], [0.0], [0.0]]), strict=True))
         frames = encode.pack(self._bindings, Table(START + first, columns, "simulation"), first)
         stamp = bus_timing.traffic(robot, self._bindings, run.level, START, self.dice)
-        found: list[Array] = []
+        found: list[NDArray[np.int64]] = []
         for bus in sorted({f.bus for f in frames}):
             found += stamp(START + self.t, [f for f in frames if f.bus == bus])
         return found

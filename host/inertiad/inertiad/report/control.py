@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from inertiad.base import finding
 from inertiad.base.finding import Finding
 from inertiad.control import experiment
 from inertiad.control.closed_loop import SOURCES
@@ -109,9 +110,8 @@ def judge(outcomes: list[Outcome]) -> Verdict:
     beyond = sorted({o.arm for o in outcomes if o.beyond > 0.0})
     if beyond:
         findings.append(Finding("limits", "care", f"a limit of the tensions is broken with: {', '.join(beyond)}"))
-    is_good = all(finding.severity == "good" for finding in findings)
-    severity = "good" if is_good else "stop" if any(f.severity == "stop" for f in findings) else "care"
-    headline = "Live parameters serve the controller" if is_good else "Look at the findings"
+    severity = finding.verdict(findings)
+    headline = "Live parameters serve the controller" if severity == "good" else "Look at the findings"
     return Verdict(severity, headline, findings)
 
 
