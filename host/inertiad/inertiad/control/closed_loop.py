@@ -38,8 +38,8 @@ POLL: Final = 0.02
 DOWN: Final = 1.0
 """s from the daemon's end to its restart, as systemd's RestartSec=1"""
 OBSERVER_SHARE: Final = 1.0
-"""rate of the measured pose's observer, of the controller's; the accelerometer carries what is faster. At 3 the tracker's
-noise shakes the platform so that the daemon's tilt settles after 16 s instead of 1 (CoGiRo, modern, seed 0)"""
+"""rate of the measured pose's observer, of the controller's; the accelerometer carries the rest. At 3 the tracker
+shakes the platform so that the daemon's tilt settles after 16 s instead of 1 (CoGiRo, modern, seed 0)"""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _advance(
 def _trace(loop: Any, period: float, mailbox: _Mailbox | None) -> Trace:
     found = loop.trace()
     source = found["source"].astype(int)
-    t: Array = period * np.arange(len(source))
+    t = period * np.arange(len(source), dtype=np.float64)
     error: Array = np.asarray(np.sqrt(np.sum(found["e_p"] ** 2, axis=1)), dtype=np.float64)
     told = list(mailbox.told) if mailbox else []
     for k in np.flatnonzero(np.diff(source)) + 1:

@@ -163,7 +163,7 @@ def page_of(request: Request, outcomes: list[Outcome], command: str) -> Page:
     subtitle = f"{run.robot.name}, {run.body.mass:g} kg, {', '.join(taken) or 'no payload'}, {run.faults_name} sensors"
     return Page(
         "Control with live parameters",
-        f"{subtitle}, {len(request.seeds)} seeds",
+        f"{subtitle}, {len(request.seeds)} seed{'' if len(request.seeds) == 1 else 's'}",
         judge(outcomes),
         _tiles(outcomes),
         sections,
