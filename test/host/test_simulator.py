@@ -405,7 +405,7 @@ def test_clocks_that_jump(cogiro, tmp_path):
     difference = np.array([b[0] - a[0] for a, b in zip(plain, jumped, strict=True)])
     assert sorted(set(np.round(difference, 6))) == [0.0, 0.25]
     drawn = sensor_models.draw(level, 8, Dice(1))
-    assert np.allclose(simulator._device_time(level, drawn, np.array([0.5, 1.5])), [0.5, 1.6])
+    assert np.allclose(simulator.device_time(level, drawn, np.array([0.5, 1.5])), [0.5, 1.6])
 
 
 def test_fault_of_a_sensor_that_is_not_there(cogiro, tmp_path):
