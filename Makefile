@@ -47,7 +47,7 @@ $(B)/obj/firmware/app/options.o: host/inertiad/pyproject.toml
 
 ## Print this list
 help:
-	@awk '/^## /{d=substr($$0,4); next} /^[a-z-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' Makefile
+	@awk '/^## /{d=substr($$0,4); next} /^[a-z-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' $(filter-out %.d,$(MAKEFILE_LIST))
 	@echo '  T=word narrows a test, V=1 shows commands'
 
 # ---- set-up: each stamp is one group of packages ------------------------------------------------------------------
@@ -58,7 +58,7 @@ setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
 .venv/%.stamp: host/inertiad/pyproject.toml tools/setup
 	$(Q)tools/setup $*
 	@touch $@
-.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp: .venv/run.stamp
+.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp .venv/dist.stamp .venv/m7.stamp: .venv/run.stamp
 
 build/unity/unity.c:
 	$(call say,fetch Unity)tools/unity $(@D)
@@ -119,6 +119,10 @@ demo: build
 ## Build the documentation as a site in build/docs/; runs the commands of its pages (about 2 min)
 docs: .venv/docs.stamp build
 	$(Q)$(PY) host/docs/build.py
+
+# ---- packages, microcontroller -----------------------------------------------------------------------------------
+
+include tools/install.mk
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
