@@ -114,7 +114,7 @@ $(B)/python/%.so: $(B)/obj/host/eigen/python/%.o $(B)/obj/nanobind.o $(B)/lib/li
 
 ## Simulate the paper's experiment, stream it through the daemon, compare with the truth
 demo: build
-	$(Q)$(PY) tools/demo.py
+	$(Q)$(B)/bin/inertiactl demo -o build/demo
 
 ## Build the documentation as a site in build/docs/; runs the commands of its pages (about 2 min)
 docs: .venv/docs.stamp build
@@ -123,6 +123,7 @@ docs: .venv/docs.stamp build
 # ---- packages, microcontroller -----------------------------------------------------------------------------------
 
 include tools/install.mk
+include firmware/ports/m7.mk
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 

@@ -29,7 +29,7 @@ NAME: initial-upload-closes-no-bugs *
 POSTINST = """\
 #!/bin/sh
 set -e
-if [ "$1" = configure ] && [ -d /run/systemd/system ]; then
+if [ "$1" = configure ] && [ -z "$DPKG_ROOT" ] && [ -d /run/systemd/system ]; then
     systemd-tmpfiles --create inertiad.conf || true
     deb-systemd-invoke daemon-reload || true
     [ -z "$2" ] || deb-systemd-invoke try-restart inertiad.service || true
@@ -38,7 +38,7 @@ fi
 PRERM = """\
 #!/bin/sh
 set -e
-if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
+if [ "$1" = remove ] && [ -z "$DPKG_ROOT" ] && [ -d /run/systemd/system ]; then
     deb-systemd-invoke stop inertiad.service || true
 fi
 """
@@ -46,13 +46,13 @@ COMPILE = """\
 #!/bin/sh
 set -e
 if [ "$1" = configure ]; then
-    python3 -m compileall -q /usr/lib/inertiad || true
+    python3 -m compileall -q ${DPKG_ROOT:+-s "$DPKG_ROOT"} "$DPKG_ROOT/usr/lib/inertiad" || true
 fi
 """
 CLEAN = """\
 #!/bin/sh
 set -e
-find /usr/lib/inertiad -name __pycache__ -type d -prune -exec rm -rf {} +
+find "$DPKG_ROOT/usr/lib/inertiad" -name __pycache__ -type d -prune -exec rm -rf {} +
 """
 
 

@@ -123,8 +123,12 @@ uninstall:
 	    $(DESTDIR)$(PREFIX)/share/man/man1/inertiactl*.1.gz $(DESTDIR)$(LIBDIR)/libinertiad.* \
 	    $(DESTDIR)$(LIBDIR)/libinertiad_lcm.* $(addprefix $(DESTDIR)$(LIBDIR)/pkgconfig/,inertiad.pc inertiad_lcm.pc)
 
+## Install the packages into empty places and use them: programs, and projects in C, C++ and Python
+test-install: .venv/test.stamp dist
+	@$(PY) tools/test install
+
 ## Packages into build/dist: wheel, .debs, source, SBOM, licences, checksums
 dist: .venv/dist.stamp release
 	$(Q)$(PY) tools/dist.py dist $(B)/dist
 
-.PHONY: release install install-daemon install-library install-tools uninstall dist
+.PHONY: release install install-daemon install-library install-tools uninstall dist test-install

@@ -62,8 +62,8 @@ def option(parameter: Any) -> str:
 
 
 def command_page(name: str, command: Any) -> str:
-    options = [p for p in command.params if p.opts and p.opts[0].startswith("-")]
-    arguments = [p for p in command.params if p not in options]
+    options = [p for p in command.params if p.opts and p.opts[0].startswith("-") and not p.hidden]
+    arguments = [p for p in command.params if p.opts and not p.opts[0].startswith("-")]
     synopsis = [rf"\fBinertiactl {escaped(name)}\fR"] + (["[options]"] if options else [])
     synopsis += [rf"\fI{escaped(a.metavar or a.name.upper())}\fR" for a in arguments]
     told = [rf".TP{chr(10)}\fI{escaped(a.metavar or a.name.upper())}\fR{chr(10)}{escaped(a.help or '')}" for a in arguments]

@@ -52,9 +52,14 @@ def missing(name: str, purpose: str = "") -> InputError:
     return InputError(f"{head} the Python package {root}; run {remedy(EXTRA[root])}")
 
 
+def has(name: str) -> bool:
+    """Whether a package is installed."""
+    return find_spec(name) is not None
+
+
 def require(name: str, purpose: str) -> None:
     """InputError: the package is not installed. For work that takes long before it needs the package."""
-    if find_spec(name) is None:
+    if not has(name):
         raise missing(name, purpose)
 
 
