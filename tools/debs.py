@@ -103,8 +103,10 @@ def packages(version: str) -> list[Package]:
             "core of inertiad, development files",
             "Headers of the C core and of the C++ layer on Eigen, static libraries,\n"
             "pkg-config files, a CMake package, and the LCM message types.",
-            ("include", "lib/*/libinertiad*.a", "lib/*/libinertiad*.so", "lib/*/pkgconfig", "lib/*/cmake")
-            + ("share/inertiad/lcm_types",),
+            (
+                *("include", "share/inertiad/lcm_types", "lib/*/pkgconfig", "lib/*/cmake"),
+                *("lib/*/libinertiad*.a", "lib/*/libinertiad*.so"),
+            ),
             (f"libinertiad0 {same}",),
             "libeigen3-dev, liblcm-dev",
         ),
@@ -218,9 +220,13 @@ def _control(package: Package, root: Path, version: str, architecture: str) -> N
         (folder / name).chmod(0o755)
     if package.name == "libinertiad0":
         (folder / "triggers").write_text("activate-noawait ldconfig\n")
-        (folder / "shlibs").write_text(f"libinertiad 0 libinertiad0 (>= {version})\nlibinertiad_lcm 0 libinertiad0 (>= {version})\n")
+        (folder / "shlibs").write_text(
+            f"libinertiad 0 libinertiad0 (>= {version})\nlibinertiad_lcm 0 libinertiad0 (>= {version})\n"
+        )
     files = sorted(p for p in (root / "usr").rglob("*") if p.is_file() and not p.is_symlink())
-    sums = subprocess.run(["md5sum", *(str(p.relative_to(root)) for p in files)], cwd=root, capture_output=True, check=True)
+    sums = subprocess.run(
+        ["md5sum", *(str(p.relative_to(root)) for p in files)], cwd=root, capture_output=True, check=True
+    )
     (folder / "md5sums").write_bytes(sums.stdout)
 
 

@@ -56,7 +56,7 @@ def renew(folder: Path) -> Path:
     return folder
 
 
-# ---- Python ------------------------------------------------------------------------------------------------------------
+# ---- Python ----------------------------------------------------------------------------------------------------------
 
 
 def constraints() -> str:
@@ -132,7 +132,7 @@ def _with_programs() -> dict[str, str]:
 
 
 def wheel(out: Path) -> Path:
-    """The whole wheel: package, bindings, message types, daemon, example robots. Its tag is the one auditwheel finds."""
+    """The wheel: package, bindings, message types, daemon, example robots; with the tag that auditwheel finds."""
     work = renew(RELEASE / "wheel_work")
     tool = (sys.executable, "-m", "wheel")
     run(*tool, "unpack", "-d", work, pure_wheel())
@@ -155,7 +155,7 @@ def wheel(out: Path) -> Path:
     return next(out.glob("*.whl"))
 
 
-# ---- source, checksums ---------------------------------------------------------------------------------------------------
+# ---- source, checksums -----------------------------------------------------------------------------------------------
 
 
 def source(out: Path) -> Path:

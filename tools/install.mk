@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# make install, make dist. What is shipped is linked apart from build/bin: without debug information, which holds the path of
-# the source tree, and against liblcm.so.1, so that this LGPL library can be replaced.
+# make install, make dist. What is shipped is linked apart from build/bin: without debug information, which holds the path
+# of the source tree, and against liblcm.so.1, so that this LGPL library can be replaced.
 
 PREFIX ?= /usr/local
 DESTDIR ?=

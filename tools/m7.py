@@ -10,6 +10,7 @@ heap, state   no allocator in the program; the pipeline's size in the micro prof
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,9 @@ BUILD = TOP / "build/m7"
 RUN = BUILD / "run"
 QEMU = ("qemu-system-arm", "-M", "mps2-an500", "-nographic", "-monitor", "none", "-serial", "none")
 QEMU += ("-icount", "shift=0", "-semihosting-config", "enable=on,target=native")
-ITEM = np.dtype([("t_ns", "<i8"), ("id", "<u4"), ("kind", "u1"), ("length", "u1"), ("spare", "u1", 2), ("content", "u1", 24)])
+ITEM = np.dtype(
+    [("t_ns", "<i8"), ("id", "<u4"), ("kind", "u1"), ("length", "u1"), ("spare", "u1", 2), ("content", "u1", 24)]
+)
 FRAME, POSITION = 1, 2
 PER_TICK = 40  # instructions: 1 ns each, the timer at 25 MHz
 PER_ROW_MAX = 48_000
@@ -37,7 +40,7 @@ INTERRUPT = "board_interrupt"
 
 
 def write_tape(path: Path, config: bytes) -> None:
-    """Configuration, then frames and positions in the order of their stamps; at equal stamps the tracker's comes last."""
+    """Configuration, then frames and positions by their stamps; at equal stamps the tracker's comes last."""
     log = canlog.read(RUN / "can.log")
     rows = np.loadtxt(RUN / "tracker.csv", delimiter=",", skiprows=1, usecols=(0, 1, 2, 3))
     frames, positions = np.zeros(len(log.t_ns), ITEM), np.zeros(len(rows), ITEM)
@@ -80,7 +83,7 @@ class Calls:
                 self.below.setdefault(name, set()).add(target)
 
     def deepest(self, name: str, above: tuple[str, ...] = ()) -> tuple[int, list[str]]:
-        """Bytes and functions of the deepest path from a function. ValueError: it calls itself, or through a pointer."""
+        """Bytes and functions of the deepest path. ValueError: a function calls itself, or through a pointer."""
         if name in above or name == "__indirect_call":
             raise ValueError(f"{' > '.join((*above, name))}: no bound")
         paths = [self.deepest(target, (*above, name)) for target in sorted(self.below.get(name, ()))]
@@ -123,17 +126,29 @@ def main() -> int:
     depth += calls.frame["main"]
     libraries = sorted(set().union(*map(calls.unknown, ROOTS)))
     interrupt = calls.deepest(INTERRUPT)[0] + EXCEPTION_FRAME
-    symbols = subprocess.run(["arm-none-eabi-nm", BUILD / "firmware.elf"], capture_output=True, text=True, check=True).stdout
+    symbols = subprocess.run(
+        ["arm-none-eabi-nm", BUILD / "firmware.elf"], capture_output=True, text=True, check=True
+    ).stdout
     heap = re.findall(r"\b_?(?:malloc|calloc|realloc|free|sbrk)(?:_r)?\b", symbols)
-    sizes = subprocess.run(["arm-none-eabi-size", BUILD / "firmware.elf"], capture_output=True, text=True, check=True).stdout
+    sizes = subprocess.run(
+        ["arm-none-eabi-size", BUILD / "firmware.elf"], capture_output=True, text=True, check=True
+    ).stdout
     differing = sum(a != b for a, b in zip(own, target, strict=False)) + abs(len(own) - len(target))
     per_row = PER_TICK * numbers["ticks"] / numbers["rows"]
     lines = [
         (f"estimates that differ in a bit from x86-64, of {len(target)}", differing, differing == 0 and bool(target)),
         ("frames lost between interrupt and main loop", numbers["lost"], numbers["lost"] == 0),
-        (f"instructions per row, {numbers['rows']} rows, allowed {PER_ROW_MAX}", round(per_row), per_row <= PER_ROW_MAX),
+        (
+            f"instructions per row, {numbers['rows']} rows, allowed {PER_ROW_MAX}",
+            round(per_row),
+            per_row <= PER_ROW_MAX,
+        ),
         ("instructions of the longest call of ipe_pipeline_step", PER_TICK * numbers["worst"], True),
-        (f"bytes of stack by call graph, interrupt included, allowed {STACK_MAX}", depth + interrupt, depth + interrupt <= STACK_MAX),
+        (
+            f"bytes of stack by call graph, interrupt included, allowed {STACK_MAX}",
+            depth + interrupt,
+            depth + interrupt <= STACK_MAX,
+        ),
         (f"bytes of stack used in the run, allowed {STACK_MAX}", numbers["stack"], numbers["stack"] <= STACK_MAX),
         (f"bytes of state, allowed {STATE_MAX}", numbers["state"], numbers["state"] <= STATE_MAX),
         ("allocating functions in the program", len(heap), not heap),
@@ -142,7 +157,8 @@ def main() -> int:
     print("Cortex-M7 (QEMU mps2-an500), the demo's log; instructions, not time; never on a board:")
     for what, value, is_good in lines:
         print(f"  {'ok  ' if is_good else 'FAIL'} {value:>9}  {what}")
-    print(f"  deepest path: {' > '.join(path)}; not in it: the C library's {', '.join(libraries)}")
+    told = f"deepest path: {' > '.join(path)}; not in it: the C library's {', '.join(libraries)}"
+    print(textwrap.fill(told, 118, initial_indent="  ", subsequent_indent="  "))
     return 0 if all(is_good for _, _, is_good in lines) else 1
 
 

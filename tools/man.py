@@ -66,7 +66,9 @@ def command_page(name: str, command: Any) -> str:
     arguments = [p for p in command.params if p.opts and not p.opts[0].startswith("-")]
     synopsis = [rf"\fBinertiactl {escaped(name)}\fR"] + (["[options]"] if options else [])
     synopsis += [rf"\fI{escaped(a.metavar or a.name.upper())}\fR" for a in arguments]
-    told = [rf".TP{chr(10)}\fI{escaped(a.metavar or a.name.upper())}\fR{chr(10)}{escaped(a.help or '')}" for a in arguments]
+    told = [
+        rf".TP{chr(10)}\fI{escaped(a.metavar or a.name.upper())}\fR{chr(10)}{escaped(a.help or '')}" for a in arguments
+    ]
     parts = [
         ("SYNOPSIS", " ".join(synopsis)),
         ("DESCRIPTION", paragraphs(command.help or "")),
@@ -98,7 +100,7 @@ def tool_pages() -> dict[str, str]:
     return pages
 
 
-# ---- inertiad, robot.toml ----------------------------------------------------------------------------------------------
+# ---- inertiad, robot.toml --------------------------------------------------------------------------------------------
 
 
 def printed(*command: object) -> str:
@@ -126,7 +128,10 @@ def daemon_page() -> str:
 
 def description_page() -> str:
     text = printed(sys.executable, "-m", "inertiad", "help", "robot.toml")
-    parts = [("DESCRIPTION", preformatted(text)), ("SEE ALSO", r"\fBinertiactl\-init\fR(1), \fBinertiactl\-compile\fR(1)")]
+    parts = [
+        ("DESCRIPTION", preformatted(text)),
+        ("SEE ALSO", r"\fBinertiactl\-init\fR(1), \fBinertiactl\-compile\fR(1)"),
+    ]
     return page("inertiad-robot.toml", 5, "description of a cable robot", parts)
 
 
@@ -134,7 +139,11 @@ def main() -> None:
     """Write all of them."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in {**tool_pages(), "inertiad.8": daemon_page(), "inertiad-robot.toml.5": description_page()}.items():
+    for name, text in {
+        **tool_pages(),
+        "inertiad.8": daemon_page(),
+        "inertiad-robot.toml.5": description_page(),
+    }.items():
         (folder / f"{name}.gz").write_bytes(gzip.compress(text.encode(), 9, mtime=0))
     for shell in ("bash", "zsh", "fish"):
         script = get_completion_script(prog_name="inertiactl", complete_var=COMPLETE, shell=shell)

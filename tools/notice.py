@@ -111,7 +111,9 @@ def sbom(dependencies: Path, version: str, epoch: int) -> str:
     """CycloneDX 1.5 as JSON."""
 
     def component(part: Part) -> dict[str, Any]:
-        licence = {"expression": part.licence} if re.fullmatch(r"[\w.+-]+( (AND|OR|WITH) [\w.+-]+)*", part.licence) else None
+        licence = (
+            {"expression": part.licence} if re.fullmatch(r"[\w.+-]+( (AND|OR|WITH) [\w.+-]+)*", part.licence) else None
+        )
         return {
             "type": "library",
             "bom-ref": part.place,

@@ -47,7 +47,16 @@ def test_every_installed_header_finds_those_it_includes(prefix, tmp_path):
     headers = sorted((prefix / "include/inertiad").rglob("*.hpp")) + sorted((prefix / "include/inertiad").rglob("*.h"))
     (tmp_path / "all.cpp").write_text("".join(f'#include "{path}"\n' for path in headers))
     assert len(headers) > 60
-    run("g++", "-std=c++17", "-M", "-MF", "/dev/null", f"-I{prefix}/include", "-I/usr/include/eigen3", tmp_path / "all.cpp")
+    run(
+        "g++",
+        "-std=c++17",
+        "-M",
+        "-MF",
+        "/dev/null",
+        f"-I{prefix}/include",
+        "-I/usr/include/eigen3",
+        tmp_path / "all.cpp",
+    )
 
 
 def test_another_minor_version_is_refused(prefix, tmp_path):
@@ -81,7 +90,9 @@ def test_uninstall_leaves_nothing(prefix, tmp_path):
 
 def test_manual_pages_have_no_mistakes_and_name_every_command(prefix):
     pages = sorted((prefix / "share/man").rglob("*.gz"))
-    assert {"inertiad.8.gz", "inertiactl.1.gz", "inertiactl-fit.1.gz", "inertiad-robot.toml.5.gz"} <= {p.name for p in pages}
+    assert {"inertiad.8.gz", "inertiactl.1.gz", "inertiactl-fit.1.gz", "inertiad-robot.toml.5.gz"} <= {
+        p.name for p in pages
+    }
     for path in pages:
         run("sh", "-c", f"zcat {path} | groff -man -Tutf8 -ww >/dev/null 2>{path}.err; test ! -s {path}.err")
 

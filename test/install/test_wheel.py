@@ -32,7 +32,9 @@ def test_demo_finds_the_mass(wheel_bin, tmp_path):
     assert mass is not None
     truth, estimate, std = map(float, mass.groups())
     assert abs(estimate - truth) < 4 * std
-    assert json.loads((tmp_path / "demo/estimate.json").read_text())["mass"]["value"] == pytest.approx(estimate, abs=0.01)
+    assert json.loads((tmp_path / "demo/estimate.json").read_text())["mass"]["value"] == pytest.approx(
+        estimate, abs=0.01
+    )
 
 
 def test_verify_recomputes_a_run_with_the_packaged_daemon(wheel_bin, simulated):
@@ -53,7 +55,9 @@ def test_base_installation_is_small(wheel_bin):
         (("export", "--to", "mf4", "-o", "x.mf4"), "asammdf", "export"),
     ],
 )
-def test_what_is_missing_is_named_with_the_extra_that_brings_it(wheel_bin, simulated, tmp_path, command, package, extra):
+def test_what_is_missing_is_named_with_the_extra_that_brings_it(
+    wheel_bin, simulated, tmp_path, command, package, extra
+):
     name, *options = command
     said = refused(wheel_bin / "inertiactl", name, simulated, *options, cwd=tmp_path)
     assert f"needs the Python package {package}; run pip install 'inertiad[{extra}]'" in said
@@ -78,6 +82,8 @@ def test_every_optional_package_is_in_the_table_of_extras():
     for extra in ("plot", "optimise", "export"):
         for requirement in groups[extra]:
             name = requirement.split("==")[0]
-            imported = {m for m, found in provided.items() if name in found and not m.startswith(("_", "mpl_", "pylab"))}
+            imported = {
+                m for m, found in provided.items() if name in found and not m.startswith(("_", "mpl_", "pylab"))
+            }
             assert imported, name
             assert {m: EXTRA.get(m) for m in imported} == dict.fromkeys(imported, extra)

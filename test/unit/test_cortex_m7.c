@@ -11,7 +11,9 @@ void setUp(void)
     ring = (ipe_frame_ring_t){0};
 }
 
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 static void test_frame_standard_identifier_and_data(void)
 {

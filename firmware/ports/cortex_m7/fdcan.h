@@ -1,22 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Receiving from a Bosch M_CAN controller: FDCAN of STM32H7, MCAN of SAM E70 and TI AM243x. Receive FIFO 0 only.
 ///
-/// Source of registers and of the FIFO's elements: Bosch, M_CAN User's Manual, revision 3.3.0, sections 2.3 and 2.4.2.
-/// Setting up clocks, pins, bit timing, filters and the message RAM is the board's: it ends with RXF0C, RXESC and the
-/// interrupt RF0NE ("new message in FIFO 0") as described at ipe_fdcan_t. Run in an emulator on registers in memory, never
-/// on a controller.
+/// Source: Bosch, M_CAN User's Manual, register map, and "Rx Buffer and FIFO Element". Setting up clocks, pins, bit
+/// timing, filters and the message RAM is the board's; it ends with enabling the interrupt RF0N, "new message in FIFO 0".
+/// Run in an emulator on registers in memory, never on a controller.
 #ifndef IPE_FDCAN_H
 #define IPE_FDCAN_H
 
 #include "frame_ring.h"
 
 enum {
-    IPE_FDCAN_IR = 0x50 / 4,      ///< interrupt flags; a 1 written clears; as index of 32-bit registers
-    IPE_FDCAN_RXF0S = 0xA4 / 4,   ///< bits 6:0 fill level, 13:8 index to get next, 25 message lost
-    IPE_FDCAN_RXF0A = 0xA8 / 4,   ///< index that was read; frees the element
+    IPE_FDCAN_IR = 0x50 / 4,     ///< interrupt flags; a 1 written clears; as index of 32-bit registers
+    IPE_FDCAN_RXF0S = 0xA4 / 4,  ///< bits 6:0 fill level, 13:8 index to get next, 25 message lost
+    IPE_FDCAN_RXF0A = 0xA8 / 4,  ///< index that was read; frees the element
     IPE_FDCAN_REGISTERS = 0x100 / 4,
-    IPE_FDCAN_RF0N = 1U << 0,     ///< IR: new message in FIFO 0
-    IPE_FDCAN_RF0L = 1U << 3,     ///< IR: message lost, FIFO 0 was full
+    IPE_FDCAN_RF0N = 1U << 0,    ///< IR: new message in FIFO 0
+    IPE_FDCAN_RF0L = 1U << 3,    ///< IR: message lost, FIFO 0 was full
 };
 
 /// One controller.

@@ -13,7 +13,8 @@ int snprintf(char* text, size_t size, const char* format, ...)
 {
     va_list arguments;
     va_start(arguments, format);
-    const char* from = format[0] == '%' && format[1] == 's' && format[2] == '\0' ? va_arg(arguments, const char*) : format;
+    const char* from =
+        format[0] == '%' && format[1] == 's' && format[2] == '\0' ? va_arg(arguments, const char*) : format;
     va_end(arguments);
     size_t n = 0;
     for (; from[n] != '\0'; ++n) {

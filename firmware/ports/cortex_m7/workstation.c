@@ -25,7 +25,9 @@ uint32_t board_ticks(void)
     return 0;
 }
 
-void board_mark_stack(void) {}
+void board_mark_stack(void)
+{
+}
 
 size_t board_stack_used(void)
 {

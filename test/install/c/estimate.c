@@ -51,7 +51,9 @@ int main(int argc, char** argv)
         ipe_frame_t frame = {0};
         ipe_candump_name_t name;
         uint64_t n_dropped;
-        if (ipe_candump_parse(line, strcspn(line, "\r\n"), &frame, &name, &n_dropped) != IPE_CANDUMP_FRAME) { continue; }
+        if (ipe_candump_parse(line, strcspn(line, "\r\n"), &frame, &name, &n_dropped) != IPE_CANDUMP_FRAME) {
+            continue;
+        }
         for (; is_tracked && t_ns <= frame.t_ns; is_tracked = next_position(tracker, &t_ns, position)) {
             (void)ipe_pipeline_push_position(&pipeline, t_ns, position);
         }

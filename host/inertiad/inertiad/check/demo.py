@@ -32,7 +32,9 @@ SPEED: Final = 4
 PREFIX: Final = f"DEMO{os.getpid()}_"
 """Of this demo's channels: other daemons on the machine keep theirs."""
 QUEUE: Final = 10_000
-TOOL: Final = f"import sys; sys.path.insert(0, {str(installation.PACKAGE.parent)!r}); import inertiad.cli.main as m; m.main()"
+TOOL: Final = (
+    f"import sys; sys.path.insert(0, {str(installation.PACKAGE.parent)!r}); import inertiad.cli.main as m; m.main()"
+)
 """inertiactl for this interpreter, whatever kind of installation it runs from"""
 
 console = Console(highlight=False, soft_wrap=True)
@@ -73,7 +75,7 @@ def multicast_works() -> bool:
 
 
 def enter_own_network(again: list[str]) -> None:
-    """Run inertiactl with these arguments in a network whose loopback carries multicast; returns where that is refused."""
+    """Run inertiactl again in a network whose loopback carries multicast; returns where that is refused."""
     setup = 'ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
     command = ["unshare", "--map-root-user", "--net", "sh", "-c", setup, "sh"]
     if shutil.which("unshare") is None or shutil.which("ip") is None:

@@ -16,7 +16,9 @@ TextOutput = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help
 
 @commands.command(epilog="Example: inertiactl demo -o demo")
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Folder for its files.")] = Path("demo"),
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Folder for its files.")] = Path(
+        "demo"
+    ),
     isolated: Annotated[bool, typer.Option("--isolated", hidden=True, help="It runs in a network of its own.")] = False,
 ) -> None:
     """Simulate the paper's experiment, stream it through the daemon, compare the estimate with the truth."""
