@@ -58,7 +58,8 @@ setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
 .venv/%.stamp: host/inertiad/pyproject.toml tools/setup
 	$(Q)tools/setup $*
 	@touch $@
-.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp .venv/dist.stamp .venv/m7.stamp: .venv/run.stamp
+.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp .venv/dist.stamp .venv/m7.stamp \
+    .venv/coverage.stamp: .venv/run.stamp
 
 build/unity/unity.c:
 	$(call say,fetch Unity)tools/unity $(@D)
@@ -163,6 +164,14 @@ test-vcan: .venv/test.stamp vcan-runs
 ## Run unit tests and laws again under the address and undefined-behaviour sanitizers
 test-asan: asan-programs
 	@$(PY) tools/test asan
+
+## Lines of the core that its unit tests and laws run; fails below 95 % (page: build/coverage/index.html)
+coverage: .venv/coverage.stamp $(UNITY_DIR)/unity.c | $(GEN)
+	@$(MAKE) --no-print-directory B=build/coverage OPT='-O0 -g' SANITIZE=--coverage unit-programs
+	$(Q)find build/coverage -name '*.gcda' -delete
+	$(Q)for t in build/coverage/test/*/test_*; do [ ! -x $$t ] || $$t >$$t.txt || { cat $$t.txt; exit 1; }; done
+	$(Q)$(PY) -m gcovr --filter firmware/core/ --object-directory build/coverage --print-summary --fail-under-line 95 \
+	    --html-details build/coverage/index.html --sort uncovered-percent build/coverage
 
 unit-programs: $(UNIT)
 asan-programs: $(UNITY_DIR)/unity.c | $(GEN)
@@ -275,5 +284,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

@@ -4,13 +4,15 @@
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
 TOP = Path(__file__).resolve().parents[2]
 DIST = TOP / "build/dist"
-CLEAN = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "HOME": "/nonexistent", "LC_ALL": "C.UTF-8"}
+_home = tempfile.TemporaryDirectory(prefix="inertiad-home-")
+CLEAN = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "LC_ALL": "C.UTF-8", "HOME": _home.name}
 """an environment in which nothing of this source tree or of the user's Python is found"""
 
 
