@@ -9,6 +9,7 @@ libinertiad-dev   headers, static libraries, pkg-config, CMake
 
 import datetime
 import gzip
+import os
 import shutil
 import subprocess
 import sys
@@ -243,6 +244,8 @@ def build(out: Path, version: str, epoch: int, run: Callable[..., str]) -> None:
         _documents(root, package.name, version, epoch)
         _control(package, root, version, architecture)
         path = out / f"{package.name}_{version}_{architecture}.deb"
+        for part in root.rglob("*"):
+            os.utime(part, (epoch, epoch), follow_symlinks=False)
         run("dpkg-deb", "--root-owner-group", "-Zxz", "-z1", "--threads-max=1", "--build", root, path)
     left = [p for p in whole.rglob("*") if p.is_file()]
     if left:
