@@ -47,7 +47,7 @@ $(B)/obj/firmware/app/options.o: host/inertiad/pyproject.toml
 
 ## Print this list
 help:
-	@awk '/^## /{d=substr($$0,4); next} /^[a-z-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' Makefile
+	@awk '/^## /{d=substr($$0,4); next} /^[a-z-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' $(filter-out %.d,$(MAKEFILE_LIST))
 	@echo '  T=word narrows a test, V=1 shows commands'
 
 # ---- set-up: each stamp is one group of packages ------------------------------------------------------------------
@@ -58,7 +58,8 @@ setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
 .venv/%.stamp: host/inertiad/pyproject.toml tools/setup
 	$(Q)tools/setup $*
 	@touch $@
-.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp: .venv/run.stamp
+.venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp .venv/dist.stamp .venv/m7.stamp \
+    .venv/coverage.stamp: .venv/run.stamp
 
 build/unity/unity.c:
 	$(call say,fetch Unity)tools/unity $(@D)
@@ -114,11 +115,16 @@ $(B)/python/%.so: $(B)/obj/host/eigen/python/%.o $(B)/obj/nanobind.o $(B)/lib/li
 
 ## Simulate the paper's experiment, stream it through the daemon, compare with the truth
 demo: build
-	$(Q)$(PY) tools/demo.py
+	$(Q)$(B)/bin/inertiactl demo -o build/demo
 
 ## Build the documentation as a site in build/docs/; runs the commands of its pages (about 2 min)
 docs: .venv/docs.stamp build
 	$(Q)$(PY) host/docs/build.py
+
+# ---- packages, microcontroller -----------------------------------------------------------------------------------
+
+include tools/install.mk
+include firmware/ports/m7.mk
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
@@ -158,6 +164,14 @@ test-vcan: .venv/test.stamp vcan-runs
 ## Run unit tests and laws again under the address and undefined-behaviour sanitizers
 test-asan: asan-programs
 	@$(PY) tools/test asan
+
+## Lines of the core that its unit tests and laws run; fails below 95 % (page: build/coverage/index.html)
+coverage: .venv/coverage.stamp $(UNITY_DIR)/unity.c | $(GEN)
+	@$(MAKE) --no-print-directory B=build/coverage OPT='-O0 -g' SANITIZE=--coverage unit-programs
+	$(Q)find build/coverage -name '*.gcda' -delete
+	$(Q)for t in build/coverage/test/*/test_*; do [ ! -x $$t ] || $$t >$$t.txt || { cat $$t.txt; exit 1; }; done
+	$(Q)$(PY) -m gcovr --filter firmware/core/ --object-directory build/coverage --print-summary --fail-under-line 95 \
+	    --html-details build/coverage/index.html --sort uncovered-percent build/coverage
 
 unit-programs: $(UNIT)
 asan-programs: $(UNITY_DIR)/unity.c | $(GEN)
@@ -270,5 +284,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

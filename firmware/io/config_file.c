@@ -16,16 +16,24 @@ typedef inertiad_lcm_robot_config_t wire_t;
 
 enum { FINGERPRINT_BYTES = 8, CRC_BYTES = IPE_CONFIG_CRC_BYTES, FILE_MAX = IPE_CONFIG_FILE_MAX };
 
-static_assert(sizeof(((wire_t*)0)->cable) / sizeof(inertiad_lcm_cable_config_t) == IPE_CABLES_MAX,
-              "one size of cables");
-static_assert(sizeof(((wire_t*)0)->signal) / sizeof(inertiad_lcm_signal_config_t) == IPE_SIGNALS_MAX,
-              "one size of signals");
+// The micro profile reads the same file; ipe_config_check() refuses what has more cables or signals than it holds.
+static_assert(sizeof(((wire_t*)0)->cable) / sizeof(inertiad_lcm_cable_config_t) >= IPE_CABLES_MAX,
+              "the message holds every cable");
+static_assert(sizeof(((wire_t*)0)->signal) / sizeof(inertiad_lcm_signal_config_t) >= IPE_SIGNALS_MAX,
+              "the message holds every signal");
 static_assert(sizeof(wire_t) < FILE_MAX, "a whole configuration fits the file buffer");
 
 /// Arrays of the message and of ipe_config_t have the same size, or this does not compile.
 #define COPY(to, from)                                                               \
     do {                                                                             \
         static_assert(sizeof(to) == sizeof(from), "field differs from the message"); \
+        memcpy((to), (from), sizeof(to));                                            \
+    } while (0)
+
+/// As many entries of one per cable as ipe_config_t has.
+#define COPY_CABLES(to, from)                                                        \
+    do {                                                                             \
+        static_assert(sizeof(to) <= sizeof(from), "field differs from the message"); \
         memcpy((to), (from), sizeof(to));                                            \
     } while (0)
 
@@ -110,8 +118,8 @@ static void copy_calibration(ipe_config_t* to, const wire_t* from)
     COPY(to->gyro_bias, from->gyro_bias);
     COPY(to->attitude_bias, from->attitude_bias);
     to->world_yaw = from->world_yaw;
-    COPY(to->force_offset, from->force_offset);
-    COPY(to->force_gain, from->force_gain);
+    COPY_CABLES(to->force_offset, from->force_offset);
+    COPY_CABLES(to->force_gain, from->force_gain);
     to->std_acc_bias = from->std_acc_bias;
     to->std_gyro_bias = from->std_gyro_bias;
     to->std_attitude = from->std_attitude;

@@ -11,6 +11,7 @@ import pytest
 from browser import browser
 from conftest import TOP
 
+from inertiad.base.installation import example_robot
 from inertiad.check import paper_experiment
 from inertiad.check.paper_experiment import Reproduction
 from inertiad.identify import two_step
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def found() -> Reproduction:
-    return paper_experiment.reproduce(paper_experiment.ROBOT, 1000, 6, 2, lambda step: None)
+    return paper_experiment.reproduce(example_robot(), 1000, 6, 2, lambda step: None)
 
 
 def test_eight_moves_go_forward_and_back_between_the_papers_poses() -> None:
@@ -48,7 +49,7 @@ def test_paper_method_is_far_off_and_the_joint_fit_on_the_same_data_is_not(found
 
 
 def test_a_seed_alone_gives_what_it_gives_among_others(found: Reproduction) -> None:
-    alone = paper_experiment.experiment(paper_experiment.ROBOT, 1003)
+    alone = paper_experiment.experiment(example_robot(), 1003)
     assert alone.joint == found.experiments[3].joint and alone.two_step == found.experiments[3].two_step
 
 

@@ -4,13 +4,12 @@
 import tomllib
 from importlib import metadata
 
-from inertiad.base.source_tree import TOP
+from inertiad.base.installation import SOURCE_TREE
 
 
 def version() -> str:
     """Of the installed package, or of the source tree it runs from."""
-    try:
+    if SOURCE_TREE is None:
         return metadata.version("inertiad")
-    except metadata.PackageNotFoundError:
-        data = tomllib.loads((TOP / "host/inertiad/pyproject.toml").read_text(encoding="utf-8"))
-        return str(data["project"]["version"])
+    data = tomllib.loads((SOURCE_TREE / "host/inertiad/pyproject.toml").read_text(encoding="utf-8"))
+    return str(data["project"]["version"])

@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 
 from inertiad.base.error import InputError
-from inertiad.base.source_tree import TOP
 from inertiad.live import lcm_network, replay
 from inertiad.run import canlog, lcmlog, tracker_csv
 from inertiad.run.canlog import CanLog
@@ -88,14 +87,6 @@ def _no_frames() -> CanLog:
     return CanLog(
         none.astype(np.int64), none.astype(np.uint32), none, none, none, np.zeros((0, 8), np.uint8), (), "RAW"
     )
-
-
-def daemon_path() -> Path:
-    """build/bin/inertiad of this project. InputError: not built."""
-    path = TOP / "build/bin/inertiad"
-    if not path.exists():
-        raise InputError(f"{path}: not found; run make build, or pass --daemon FILE")
-    return path
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ import numpy as np
 import inertiad_core
 from inertiad.base.body import Body
 from inertiad.base.error import InputError
-from inertiad.base.source_tree import TOP
 from inertiad.base.table import Array
 from inertiad.identify import fit
 from inertiad.model import trajectory
@@ -29,7 +28,6 @@ from inertiad.run.reader import Recording
 from inertiad.simulate import sensor_models, simulator
 
 Progress = Callable[[str], None]
-ROBOT: Final = TOP / "firmware/robots/cogiro/robot.toml"
 FAULTS: Final = "paper"
 
 

@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from inertiad.base import channels
+from inertiad.base import channels, installation
 from inertiad.base.error import InputError
 from inertiad.check import daemon_run, estimate_checks, input_checks, row_checks
 from inertiad.check.case import Case, Check
@@ -73,7 +73,7 @@ def _setup(options: Options, robot: Robot, data: bytes, folder: Path) -> Setup:
     with_tracker = robot.position.source == "tracker"
     if with_tracker and not (options.run / "tracker.csv").exists():
         raise InputError(f'{options.run / "tracker.csv"}: not found, but position.source = "tracker"')
-    daemon = options.daemon or daemon_run.daemon_path()
+    daemon = options.daemon or installation.daemon()
     return Setup(options.run, folder, config, daemon, max(1, len(robot.bus)), with_tracker, options.url)
 
 

@@ -89,6 +89,9 @@ def report(
     figures: Figures = None,
 ) -> None:
     """Write a page on runs of one body: verdict, result, limiting errors, next step. Opens without a network."""
+    from inertiad.base import extras
+
+    extras.require("plotly", "report")
     from inertiad.report import document
 
     page = output or (runs[0] / "report.html" if len(runs) == 1 and runs[0].is_dir() else Path("report.html"))
@@ -112,11 +115,15 @@ def paper(
     figures: Figures = None,
 ) -> None:
     """Repeat the experiment of Tempel et al. (ICRA 2017) with its method, and with the joint fit on the same data."""
+    from inertiad.base import extras
+    from inertiad.base.installation import example_robot
+
+    extras.require("plotly", "paper")
     from inertiad.check import paper_experiment
     from inertiad.report import reproduction
 
     with progress_shown() as progress:
-        found = paper_experiment.reproduce(robot or paper_experiment.ROBOT, first, seeds, None, progress)
+        found = paper_experiment.reproduce(robot or example_robot(), first, seeds, None, progress)
         progress("draw")
         with written(output) as path:
             reproduction.write(found, path, figures, command_line())

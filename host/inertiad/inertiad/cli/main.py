@@ -10,6 +10,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from inertiad.base import extras
 from inertiad.base.error import InputError
 from inertiad.base.version import version
 from inertiad.cli import control, exchange, identify, live, robot, run, start
@@ -65,6 +66,10 @@ def main() -> None:
         code: Any = command(prog_name="inertiactl", standalone_mode=False)
     except InputError as error:
         _fail(*error.lines)
+    except ModuleNotFoundError as error:
+        if not extras.is_optional(error.name):
+            raise
+        _fail(*extras.missing(error.name or "").lines)
     except TyperException as error:
         if not error.format_message():  # no arguments: the help has been shown
             sys.exit(2)

@@ -67,6 +67,9 @@ def view(
 
     The page opens without a network and lists what looks wrong in the description.
     """
+    from inertiad.base import extras
+
+    extras.require("plotly", "view")
     from inertiad.report import view as viewer
 
     with progress_shown() as progress, written(output) as path:

@@ -14,6 +14,19 @@ commands = typer.Typer()
 TextOutput = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write; -: stdout.")]
 
 
+@commands.command(epilog="Example: inertiactl demo -o demo")
+def demo(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Folder for its files.")] = Path(
+        "demo"
+    ),
+    isolated: Annotated[bool, typer.Option("--isolated", hidden=True, help="It runs in a network of its own.")] = False,
+) -> None:
+    """Simulate the paper's experiment, stream it through the daemon, compare the estimate with the truth."""
+    from inertiad.check import demo as demonstration
+
+    demonstration.run(output, None if isolated else ["demo", "-o", str(output), "--isolated"])
+
+
 @commands.command("init", epilog="Example: inertiactl init --cables 4 -o robot.toml")
 def init_command(
     cables: Annotated[int | None, typer.Option(metavar="N", min=1, max=16, help="Number of cables.")] = None,

@@ -23,13 +23,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from inertiad.base import units
+from inertiad.base import extras, units
 from inertiad.base.error import InputError
 from inertiad.base.table import Table, at_ns
 from inertiad.exchange import dataset, foxglove, layouts
 from inertiad.exchange.dataset import Dataset
 from inertiad.exchange.mcap_file import mcap_messages
-from inertiad.exchange.packages import package
 from inertiad.run import canlog
 from inertiad.run.canlog import CanLog
 
@@ -90,21 +89,21 @@ def read_csv(path: Path) -> Dataset:
 
 
 def _write_parquet_table(path: Path, table: Table) -> None:
-    arrow = package("pyarrow", "parquet")
+    arrow = extras.load("pyarrow", "parquet")
     columns = {"t": table.t, "t_ns": table.t_ns, **table.columns}
     arrays = {name: arrow.array(values) for name, values in columns.items()}
     fields = [arrow.field(name, a.type, metadata={"unit": units.of(name)}) for name, a in arrays.items()]
     schema = arrow.schema(fields, metadata={"sheet": table.name, "note": NOTE})
-    package("pyarrow.parquet", "parquet").write_table(
+    extras.load("pyarrow.parquet", "parquet").write_table(
         arrow.table(arrays, schema=schema), path, write_page_checksum=True
     )
 
 
 def parquet_table(path: Path) -> Any:
     """A Parquet file as an arrow table, its pages' checksums checked. InputError: damaged."""
-    arrow = package("pyarrow", "parquet")
+    arrow = extras.load("pyarrow", "parquet")
     try:
-        return package("pyarrow.parquet", "parquet").read_table(path, page_checksum_verification=True)
+        return extras.load("pyarrow.parquet", "parquet").read_table(path, page_checksum_verification=True)
     except (arrow.ArrowException, OSError, ValueError) as error:
         raise InputError(f"{path}: not a usable Parquet file: {' '.join(str(error).split())}") from None
 
@@ -151,7 +150,7 @@ def _finite_or_none(values: Any) -> list[Any]:
 
 def write_mcap(path: Path, data: Dataset) -> list[Path]:
     """MCAP with JSON messages; log time is host time."""
-    Writer = package("mcap.writer", "mcap").Writer
+    Writer = extras.load("mcap.writer", "mcap").Writer
     drawn = _drawn(data)
     with path.open("wb") as file:
         writer = Writer(file)
@@ -175,12 +174,12 @@ def write_mcap(path: Path, data: Dataset) -> list[Path]:
 
 def _drawn(data: Dataset) -> list[foxglove.Message]:
     """The robot in motion; none where its description is missing."""
-    package("foxglove_schemas_protobuf", "mcap")
+    extras.load("foxglove_schemas_protobuf", "mcap")
     return [] if data.robot is None else list(foxglove.messages(data, data.robot))
 
 
 def _write_drawn(writer: Any, drawn: list[foxglove.Message]) -> None:
-    register = package("mcap_protobuf.schema", "mcap").register_schema
+    register = extras.load("mcap_protobuf.schema", "mcap").register_schema
     schemas: dict[str, int] = {}
     channels: dict[str, int] = {}
     for number, message in enumerate(drawn):

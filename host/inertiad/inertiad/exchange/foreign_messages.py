@@ -13,13 +13,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from inertiad.base import extras
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.exchange import dataset
 from inertiad.exchange.foreign_csv import Channel
 from inertiad.exchange.foreign_tables import in_order
 from inertiad.exchange.mcap_file import mcap_channels, mcap_messages
-from inertiad.exchange.packages import package
 from inertiad.robot import dbc
 from inertiad.run import canlog, encode
 from inertiad.run.canlog import CanLog
@@ -130,7 +130,7 @@ def _of_json(path: Path, topic: str, data: bytes) -> Any:
 def read_mcap(path: Path) -> list[Channel]:
     """Channels of an MCAP file's JSON and protobuf messages. InputError: damaged, or messages of neither kind."""
     collected, others = _Collected(path), set[str]()
-    decoder = package("mcap_protobuf.decoder", "mcap").DecoderFactory()
+    decoder = extras.load("mcap_protobuf.decoder", "mcap").DecoderFactory()
     for schema, channel, message in mcap_messages(path):
         if channel.message_encoding == "json":
             content = _of_json(path, channel.topic, message.data)
@@ -176,8 +176,8 @@ def is_bag(path: Path) -> bool:
 
 def read_bag(path: Path) -> list[Channel]:
     """Channels of a ROS bag's messages. InputError: damaged, or its messages are of no known type."""
-    highlevel = package("rosbags.highlevel", "rosbag2")
-    typesys = package("rosbags.typesys", "rosbag2")
+    highlevel = extras.load("rosbags.highlevel", "rosbag2")
+    typesys = extras.load("rosbags.typesys", "rosbag2")
     bag = path.parent if path.suffix.lower() == ".db3" else path
     collected, unknown = _Collected(path), set[str]()
     try:

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from inertiad.base import extras
 from inertiad.base.error import InputError
-from inertiad.exchange.packages import package
 
 
 @contextmanager
@@ -24,14 +24,14 @@ def _mcap_guarded(path: Path) -> Iterator[None]:
 
 def mcap_messages(path: Path) -> Iterator[tuple[Any, Any, Any]]:
     """Schema, channel and message of each message, checksums checked. InputError: damaged."""
-    make_reader = package("mcap.reader", "mcap").make_reader
+    make_reader = extras.load("mcap.reader", "mcap").make_reader
     with path.open("rb") as file, _mcap_guarded(path):
         yield from make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
 
 
 def mcap_channels(path: Path) -> list[Any]:
     """The file's channels. InputError: damaged."""
-    make_reader = package("mcap.reader", "mcap").make_reader
+    make_reader = extras.load("mcap.reader", "mcap").make_reader
     with path.open("rb") as file, _mcap_guarded(path):
         summary = make_reader(file, validate_crcs=True).get_summary()
         if summary is not None and summary.channels:

@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
-from inertiad.base.source_tree import TOP
+from inertiad.base.installation import SOURCE_TREE
 from inertiad.report.figure import Table
 from inertiad.report.report_data import Facts
 
@@ -40,7 +40,9 @@ def files(facts: Facts) -> Table:
 
 def revision() -> str:
     """Of the source tree, or "" outside of one."""
-    command = ["git", "-C", str(TOP), "describe", "--always", "--dirty"]
+    if SOURCE_TREE is None:
+        return ""
+    command = ["git", "-C", str(SOURCE_TREE), "describe", "--always", "--dirty"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import inertiad_replay
-from inertiad.base import python_can
+from inertiad.base import extras, python_can
 from inertiad.base.channels import DEFAULT_PREFIX
 from inertiad.base.error import InputError
 
@@ -127,6 +127,8 @@ def _until_damage(messages: Iterable[Any], remarks: list[str], path: Path) -> It
 
 
 def _read_other(path: Path) -> CanLog:
+    if path.suffix.lower() == ".mf4":
+        extras.require("asammdf", f"{path}: MF4")
     can = python_can.load()
     remarks: list[str] = []
     try:

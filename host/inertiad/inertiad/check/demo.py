@@ -2,8 +2,7 @@
 """The paper's experiment on CoGiRo, from CAN frames to identified parameters.
 
 Simulates the robot with modern sensors, streams the CAN log through the daemon, listens to its estimate over LCM,
-prints its error beside that of the paper's two steps on the same run, and draws how the estimate converged
-(build/demo/convergence.png). Takes 25 s.
+prints its error beside that of the paper's two steps on the same run, and draws how the estimate converged. Takes 25 s.
 """
 
 import os
@@ -12,36 +11,38 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Final
 
-import lcm
-import matplotlib
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from inertiad.base import extras, installation
 from inertiad.base.body import NAMES, UNITS, Body, errors, of_message, read, read_truth
 from inertiad.base.channels import DEFAULT_URL
 from inertiad.base.error import InputError
 from inertiad.base.text_files import read_json
 from inertiad.live.lcm_network import connect
+from inertiad.run import lcmlog
 from inertiad_lcm import estimate_t
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
-
-TOP = Path(__file__).resolve().parent.parent
-BIN = Path("build/bin")
-ROBOT = Path("firmware/robots/cogiro/robot.toml")
-RUN = Path("build/demo")
-SEED = 1
-SPEED = 4
-PREFIX = f"DEMO{os.getpid()}_"
+SEED: Final = 1
+SPEED: Final = 4
+PREFIX: Final = f"DEMO{os.getpid()}_"
 """Of this demo's channels: other daemons on the machine keep theirs."""
-QUEUE = 10_000
-ISOLATED = "--isolated"
+QUEUE: Final = 10_000
+TOOL: Final = (
+    f"import sys; sys.path.insert(0, {str(installation.PACKAGE.parent)!r}); import inertiad.cli.main as m; m.main()"
+)
+"""inertiactl for this interpreter, whatever kind of installation it runs from"""
 
 console = Console(highlight=False, soft_wrap=True)
+
+
+def tool(*arguments: object) -> list[str]:
+    """The command line of inertiactl with arguments."""
+    return [sys.executable, "-c", TOOL, *map(str, arguments)]
 
 
 @dataclass
@@ -73,60 +74,71 @@ def multicast_works() -> bool:
     return bus.handle_timeout(500) > 0 and len(heard) == 1
 
 
-def enter_own_network() -> None:
-    """Run again in a network namespace whose loopback carries multicast; returns where that is not allowed."""
+def enter_own_network(again: list[str]) -> None:
+    """Run inertiactl again in a network whose loopback carries multicast; returns where that is refused."""
     setup = 'ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
     command = ["unshare", "--map-root-user", "--net", "sh", "-c", setup, "sh"]
     if shutil.which("unshare") is None or shutil.which("ip") is None:
         return
     if subprocess.run([*command, "true"], capture_output=True).returncode == 0:
-        os.execvp(command[0], [*command, sys.executable, __file__, ISOLATED])
+        os.execvp(command[0], [*command, *tool(*again)])
 
 
-def live_url() -> str | None:
-    """LCM URL the daemon can be listened to on, or None: this machine has no multicast and allows none to be made."""
+def live_url(again: list[str] | None) -> str | None:
+    """LCM URL the daemon can be listened to on, or None: this machine has no multicast and allows none to be made.
+
+    again: arguments of inertiactl to run again with in a network of its own; None: it runs in one already.
+    """
     if multicast_works():
         return DEFAULT_URL
-    if ISOLATED not in sys.argv:
-        enter_own_network()
+    if again is not None:
+        enter_own_network(again)
     return None
 
 
 # ---- the experiment --------------------------------------------------------------------------------------------------
 
 
-def run(*command: object) -> None:
-    """Show and run a program to its end; its messages are shown only if it fails."""
-    words = [str(word) for word in command]
-    console.print(f"[dim]$ {' '.join(words).removeprefix(f'{BIN}/')}[/]")
-    result = subprocess.run(words, capture_output=True, text=True)
+def show(command: list[str]) -> None:
+    console.print(f"[dim]$ {' '.join(command)}[/]")
+
+
+def finish(command: list[str], name: str) -> None:
+    """Run a program to its end; its messages are shown only if it fails. InputError: it has."""
+    result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode != 0:
-        sys.exit(result.stderr.rstrip() or f"{words[0]} failed")
+        raise InputError(*(result.stderr.rstrip().splitlines() or [f"{name}: failed"]))
 
 
-def daemon(url: str, speed: int) -> list[str]:
-    """The daemon's command line."""
+def run_tool(*arguments: object) -> None:
+    """Show and run inertiactl."""
+    show(["inertiactl", *map(str, arguments)])
+    finish(tool(*arguments), f"inertiactl {arguments[0]}")
+
+
+def daemon(folder: Path, url: str, speed: int) -> list[str]:
+    """The daemon's options."""
     return [
-        *(str(BIN / "inertiad"), "--config", str(RUN / "robot.cfg")),
-        *("--bus", f"file:{RUN}/can.log?speed={speed}", "--tracker", f"file:{RUN}/tracker.csv"),
-        *("--lcm", url, "--lcm-prefix", PREFIX, "--estimate", str(RUN / "estimate.json")),
+        *("--config", str(folder / "robot.cfg"), "--bus", f"file:{folder}/can.log?speed={speed}"),
+        *("--tracker", f"file:{folder}/tracker.csv", "--lcm", url, "--lcm-prefix", PREFIX),
+        *("--estimate", str(folder / "estimate.json")),
     ]
 
 
-def listen_live(url: str, duration: float) -> History:
+def listen_live(folder: Path, url: str, duration: float) -> History:
     """Start the daemon at SPEED times real time and collect what it publishes until it ends."""
     history = History()
-    bus: lcm.LCM = connect(url)
+    bus: Any = connect(url)
     bus.subscribe(f"{PREFIX}ESTIMATE", history.on_estimate).set_queue_capacity(QUEUE)
-    command = daemon(url, SPEED)
-    console.print(f"[dim]$ {' '.join(command).removeprefix(f'{BIN}/')}[/]")
+    options = daemon(folder, url, SPEED)
+    show(["inertiad", *options])
     columns = (TextColumn("  {task.description}"), BarColumn(), TimeRemainingColumn())
     with (
         Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress,
-        (RUN / "inertiad.log").open("w") as log,
+        (folder / "inertiad.log").open("w") as log,
     ):
         task = progress.add_task("listening", total=duration)
-        with subprocess.Popen(command, stderr=log) as process:
+        with subprocess.Popen([str(installation.daemon()), *options], stderr=log) as process:
             while process.poll() is None or bus.handle_timeout(100) > 0:
                 bus.handle_timeout(100)
                 if history.t:
@@ -134,17 +146,19 @@ def listen_live(url: str, duration: float) -> History:
                     done = history.t[-1] - history.t[0]
                     progress.update(task, completed=done, description=f"mass {mass:7.2f} ± {std:5.2f} kg")
     if process.returncode != 0:
-        sys.exit((RUN / "inertiad.log").read_text().rstrip())
+        raise InputError(*(folder / "inertiad.log").read_text().rstrip().splitlines())
     return history
 
 
-def listen_to_log() -> History:
+def listen_to_log(folder: Path) -> History:
     """Let the daemon write its messages into an LCM log, then read it."""
-    path = RUN / "run.lcmlog"
+    path = folder / "run.lcmlog"
     path.unlink(missing_ok=True)
-    run(*daemon(f"file://{path}?mode=w", 0))
+    options = daemon(folder, f"file://{path.resolve()}?mode=w", 0)
+    show(["inertiad", *options])
+    finish([str(installation.daemon()), *options], "inertiad")
     history = History()
-    for event in lcm.EventLog(str(path), "r"):
+    for event in lcmlog.read(path, []):
         if event.channel == f"{PREFIX}ESTIMATE":
             history.on_estimate(event.channel, event.data)
     return history
@@ -176,6 +190,11 @@ def result_table(estimate: Body, two_steps: Body, truth: Body) -> Table:
 
 def draw(history: History, truth: Body, path: Path) -> None:
     """One small picture per parameter: value, +- 2 sigma, truth."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
     t = np.array(history.t) - history.t[0]
     value = np.array([b.value for b in history.body])
     std = np.array([b.std for b in history.body])
@@ -202,30 +221,35 @@ def draw(history: History, truth: Body, path: Path) -> None:
     plt.close(figure)
 
 
-def main() -> None:
-    """Simulate, identify, compare."""
-    os.chdir(TOP)
-    url = live_url()
-    shutil.rmtree(RUN, ignore_errors=True)
-    run(BIN / "inertiactl", "simulate", ROBOT, "--faults", "modern", "--seed", SEED, "-o", RUN)
-    run(BIN / "inertiactl", "compile", RUN / "robot.toml", "--blind", "-o", RUN / "robot.cfg")
+def run(folder: Path, again: list[str] | None) -> None:
+    """Simulate, identify, compare; every file goes into folder. InputError: a step has failed.
+
+    again: arguments of inertiactl that do the same in a network of its own; None: it runs in one already.
+    """
+    url = live_url(again)
+    robot = installation.example_robot()
+    robot = robot.relative_to(Path.cwd()) if robot.is_relative_to(Path.cwd()) else robot
+    if folder.exists() and any(folder.iterdir()) and not (folder / "truth.json").exists():
+        raise InputError(f"{folder}: holds something else than a simulated run; choose another -o")
+    run_tool("simulate", robot, "--faults", "modern", "--seed", SEED, "-o", folder)
+    run_tool("compile", folder / "robot.toml", "--blind", "-o", folder / "robot.cfg")
     if url is None:
         console.print("no multicast on this machine: the daemon's messages go through a log file, not over the network")
-    duration = float(read_json(RUN / "truth.json")["duration_s"])
-    history = listen_to_log() if url is None else listen_live(url, duration)
-    run(BIN / "inertiactl", "fit", RUN, "--method", "paper", "--json", RUN / "two_steps.json")
-    estimate, truth = read(RUN / "estimate.json"), read_truth(RUN / "truth.json")
+    duration = float(read_json(folder / "truth.json")["duration_s"])
+    history = listen_to_log(folder) if url is None else listen_live(folder, url, duration)
+    run_tool("fit", folder, "--method", "paper", "--json", folder / "two_steps.json")
+    estimate, truth = read(folder / "estimate.json"), read_truth(folder / "truth.json")
     if not history.t:
-        sys.exit(f"no estimate heard on {url}; the daemon's own messages are in {RUN}/inertiad.log")
+        raise InputError(f"no estimate heard on {url}; the daemon's own messages are in {folder}/inertiad.log")
     console.print()
-    console.print(result_table(estimate, read(RUN / "two_steps.json"), truth))
+    console.print(result_table(estimate, read(folder / "two_steps.json"), truth))
     console.print(
         "\n[dim]truth: the simulated body, unknown to the daemon;"
         " two-step error: the method of the ICRA 2017 paper on the same run[/]"
     )
-    draw(history, truth, RUN / "convergence.png")
-    console.print(f"{len(history.t)} estimates received over LCM; convergence plot: {RUN}/convergence.png")
-
-
-if __name__ == "__main__":
-    main()
+    heard = f"{len(history.t)} estimates received over LCM"
+    if not extras.has("matplotlib"):
+        console.print(f"{heard}; for a plot of them: {extras.remedy('plot')}", markup=False)
+        return
+    draw(history, truth, folder / "convergence.png")
+    console.print(f"{heard}; convergence plot: {folder}/convergence.png")
