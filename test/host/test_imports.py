@@ -2,6 +2,7 @@
 """The Python package's folders lie on levels: a module imports from its own folder and from those above it only."""
 
 import ast
+import tomllib
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -55,6 +56,12 @@ def misplaced(name: tuple[str, ...], path: Path, modules=MODULES) -> list[str]:
 def order(graph: dict[tuple[str, ...], set[tuple[str, ...]]]) -> list[tuple[str, ...]]:
     """Modules, each after those it imports. CycleError: there is no such order."""
     return list(TopologicalSorter(graph).static_order())
+
+
+def test_every_folder_is_installed():
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    folders = {f"inertiad.{path.parent.name}" for path in PACKAGE.glob("*/__init__.py")}
+    assert set(project["tool"]["setuptools"]["packages"]) == folders | {"inertiad"}
 
 
 def test_every_folder_has_a_level():
