@@ -8,8 +8,8 @@ import subprocess
 from pathlib import Path
 from typing import IO, Final
 
+from inertiad.base import installation
 from inertiad.base.error import InputError
-from inertiad.check.daemon_run import daemon_path
 from inertiad.run import lcmlog
 from inertiad.run.lcmlog import Event
 
@@ -31,7 +31,7 @@ class Daemon:
 
     def __init__(self, config: Path, log: Path) -> None:
         """config: robot.cfg; log: takes what it prints."""
-        self._command = [str(daemon_path()), "--config", str(config), "--lock-step", "--lcm-prefix", PREFIX]
+        self._command = [str(installation.daemon()), "--config", str(config), "--lock-step", "--lcm-prefix", PREFIX]
         self._log = log
         self._process: subprocess.Popen[bytes] | None = None
         self.start()
