@@ -44,13 +44,15 @@ def fit(
     joint: body and sensor errors together, the optimum. wls: plain weighted least squares. iv: instrumental variables.
     paper: the two-step method of the source paper.
     """
-    from inertiad.base import finding
+    from inertiad.base import extras, finding
     from inertiad.identify import estimate_document, identification
     from inertiad.identify import fit as fitter
-    from inertiad.report import picture as pictures
 
     only_one_to_stdout(json, picture)
     if picture is not None:
+        extras.require("plotly", "--picture")
+        from inertiad.report import picture as pictures
+
         pictures.check(picture)
     with progress_shown() as progress:
         progress("read")
@@ -190,11 +192,14 @@ def sync(
 
     In robot.toml: [calibration] sync = "sync.json", for compile, fit and all others.
     """
+    from inertiad.base import extras
     from inertiad.identify import sync as synchroniser
-    from inertiad.report import picture as pictures
 
     only_one_to_stdout(json, picture)
     if picture is not None:
+        extras.require("plotly", "--picture")
+        from inertiad.report import picture as pictures
+
         pictures.check(picture)
     with progress_shown() as progress:
         found = synchroniser.sync(run, progress)
