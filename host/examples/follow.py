@@ -2,7 +2,7 @@
 """A controller in Python that follows the daemon: ESTIMATE goes through the parameter gate, whose parameters give the
 wrench to feed forward. Prints a line per estimate until interrupted or the log ends.
 
-Usage: PYTHONPATH=build/python:host/inertiad python host/examples/follow.py LCM_URL robot.toml
+Usage: .venv/bin/python host/examples/follow.py LCM_URL robot.toml
 """
 
 import sys
