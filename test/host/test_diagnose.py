@@ -98,7 +98,7 @@ def test_a_tension_held_at_its_least_is_not_saturated(good: Recording, std: floa
     below = f[:, 4] < held
     f[below, 4] = held + np.random.default_rng(1).normal(0.0, std, below.sum())
     assert f[:, 4].max() - held > 300.0
-    assert "saturated" not in _findings(_with(good, f=f))
+    assert diagnose._saturated(good.robot, _with(good, f=f)) == []
 
 
 def _with_cable(run: Recording, i: int, **update: object) -> Recording:
