@@ -3,8 +3,12 @@
 
 import subprocess
 import sys
+import tomllib
 
 import pytest
+from conftest import TOP
+
+from inertiad.base.extras import EXTRA
 
 BLOCKED = """
 import sys
@@ -21,6 +25,17 @@ def said_without_extras(*arguments: str) -> str:
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2, done.stderr
     return done.stderr
+
+
+def test_every_package_of_an_extra_is_known():
+    """By the name of its distribution, with which every module of it begins but mcap-protobuf-support's."""
+    project = tomllib.loads((TOP / "host/inertiad/pyproject.toml").read_text(encoding="utf-8"))["project"]
+    listed = {
+        requirement.split("==")[0].replace("-", "_").removesuffix("_support"): extra
+        for extra in ("plot", "optimise", "export")
+        for requirement in project["optional-dependencies"][extra]
+    }
+    assert listed == EXTRA
 
 
 @pytest.mark.parametrize("command", ["fit", "sync", "verify", "compile", "simulate", "encode", "calibrate"])

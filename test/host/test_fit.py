@@ -4,6 +4,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from inertiad.base.body import read
 from inertiad.base.error import InputError
 from inertiad.base.table import Table
 from inertiad.base.text_files import to_toml
-from inertiad.identify import fit
+from inertiad.identify import findings, fit
 from inertiad.robot import description
 from inertiad.robot.description import read_data
 from inertiad.run import derived_motion, reader, tracker_csv
@@ -141,6 +142,31 @@ def test_validation_predicts_a_run_not_used(recording: Recording, config: object
     plain = fit.validate(config, fit.wls(config, [recording]), other)
     assert (joint.rms < 0.1 * joint.signal).all()
     assert np.linalg.norm(joint.rms) < np.linalg.norm(plain.rms)
+
+
+def test_what_force_sensors_typically_leave_does_not_follow_a_few_windows(recording: Recording, config: object) -> None:
+    estimate = fit.joint(config, [recording])
+    pushed = recording.rows.f.copy()
+    pushed[: len(pushed) // 20] *= 1.3
+    arrays = (recording.rows.acc, recording.rows.gyro, recording.rows.q, recording.rows.position, pushed)
+    t_ns = np.rint(1e9 * recording.rows.t).astype(np.int64)
+    rows = inertiad_core.Rows(t_ns, *(np.ascontiguousarray(a) for a in arrays))
+    clean = fit.validate(config, estimate, recording)
+    seen = fit.validate(config, estimate, replace(recording, rows=rows))
+    assert (seen.tension_rms > 5.0 * clean.tension_rms).all()
+    np.testing.assert_allclose(seen.tension_typical, clean.tension_typical, rtol=0.2)
+    np.testing.assert_allclose(clean.tension_typical, clean.tension_rms, rtol=0.5)  # a good fit leaves no outliers
+
+
+@pytest.mark.parametrize(("typical", "names"), [(0.01, []), (0.2, ["forces_disagree"])])
+def test_force_sensors_are_judged_by_what_they_typically_leave(
+    recording: Recording, config: object, monkeypatch: pytest.MonkeyPatch, typical: float, names: list[str]
+) -> None:
+    tension = float(np.abs(recording.rows.f).mean())
+    left = fit.Validation(recording.path, np.ones(6), np.ones(6), np.full(8, tension), np.full(8, typical * tension))
+    monkeypatch.setattr(fit, "validate", lambda *_: left)
+    result = fit.batch(config, [recording])
+    assert [f.name for f in findings._forces(config, result, [recording], [0])] == names
 
 
 def _csv(path: Path, recording: Recording, columns: list[str], every: int = 1) -> Path:

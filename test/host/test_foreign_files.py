@@ -11,7 +11,7 @@ import pytest
 from conftest import COGIRO, minimal_toml
 
 from inertiad.base.error import InputError
-from inertiad.exchange import channels, convert, foreign_import
+from inertiad.exchange import channels, convert, file_formats, foreign_import
 from inertiad.run import canlog, tracker_csv
 
 pytestmark = pytest.mark.slow
@@ -214,6 +214,24 @@ def test_odd_files_end_with_one_line(files: dict[str, Path], tmp_path: Path):
             wrong.append(f"{name}: {type(error).__name__}: {error}")
     print("\n".join(said))
     assert not wrong, "\n".join(wrong)
+    assert any(line.startswith("bomb.mat: ") and "bytes would expand to 1.6e+08" in line for line in said)
+
+
+def test_every_flipped_bit_of_parquet_values_is_found(tmp_path: Path):
+    import pyarrow
+    import pyarrow.parquet
+
+    file, value = tmp_path / "x.parquet", np.random.default_rng(1).normal(size=1000)
+    table = pyarrow.table({"t": 0.01 * np.arange(1000), "accel_x": value})
+    pyarrow.parquet.write_table(table, file, compression="none", use_dictionary=False, write_page_checksum=True)
+    whole = file.read_bytes()
+    first = whole.index(value[:4].tobytes())
+    for at in range(first, first + 8 * len(value), 251):
+        damaged = bytearray(whole)
+        damaged[at] ^= 0x10
+        file.write_bytes(damaged)
+        with pytest.raises(InputError, match="not a usable Parquet file"):
+            file_formats.parquet_table(file)
 
 
 @pytest.mark.parametrize("name", ["half", "flip"])

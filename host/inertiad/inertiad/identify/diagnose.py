@@ -28,8 +28,8 @@ STUCK_BAND: Final = 1e-4
 """of a channel's range: values this close to each other are one"""
 NEAR_END: Final = 0.05
 """of a channel's range: where a saturated sensor's values pile up"""
-QUIET: Final = 0.3
-"""times the channel's second differences elsewhere: at an end of the range they are 0 but for the last bit"""
+ROUNDING: Final = 1e-9
+"""of a channel's range: by so much two equal readings may differ after interpolation"""
 MOVING: Final = 0.02
 """rad/s"""
 SLACK_SHARE: Final = 0.01
@@ -160,8 +160,8 @@ def _slack(robot: Robot, run: Recording) -> list[str]:
 def _piles(x: Array, moving: NDArray[np.bool_]) -> Iterator[tuple[float, float, bool]]:
     """Value, share of the samples, and whether it is the lower end: piles near the ends of a channel's range.
 
-    At the end of its range a sensor shows no noise. A tension that a controller holds at its limit has as much of it
-    there as elsewhere.
+    At the end of its range a sensor gives one value, sample after sample. A tension that a controller holds at its
+    limit has noise.
     """
     bend = np.abs(np.diff(x, 2, prepend=x[:1], append=x[-1:]))[moving]
     x = x[moving]
@@ -171,7 +171,7 @@ def _piles(x: Array, moving: NDArray[np.bool_]) -> Iterator[tuple[float, float, 
         values, counts = np.unique(np.rint(x[is_near] / band), return_counts=True)
         value = float(band * values[counts.argmax()])
         pile = np.abs(x - value) <= band
-        if not pile.all() and np.median(bend[pile]) < QUIET * np.median(bend[~pile]):
+        if np.median(bend[pile]) < ROUNDING * float(x.max() - x.min()):
             yield value, float(pile.mean()), is_low
 
 
