@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Build what others install:  tools/dist.py tree FOLDER | dist FOLDER
 
-tree  the Python packages of the host tool into FOLDER, as make install wants them: dependencies without tests, the
-      package, its bindings and message types, compiled
+tree  the Python packages of the host tool into FOLDER, which make install copies: dependencies without tests, the
+      package, its bindings and message types
 dist  wheel, .debs, source archive, NOTICE, SBOM and SHA256SUMS into FOLDER; make has built the programs (build/release)
 
 Every time stamp is that of the last commit (SOURCE_DATE_EPOCH), every order is sorted: the same commit and the same
 packages give the same bytes. The dependencies are those of .venv, which the tests ran with.
 """
 
-import compileall
 import gzip
 import hashlib
 import os
@@ -43,9 +42,20 @@ def run(*command: object, **options: object) -> str:
     return str(done.stdout)
 
 
+def is_repository() -> bool:
+    """False in an unpacked source archive, even below another project's repository."""
+    return (TOP / ".git").exists()
+
+
 def set_epoch() -> int:
-    """SOURCE_DATE_EPOCH for every program that is run: as given, or the time of the last commit."""
-    epoch = os.environ.get("SOURCE_DATE_EPOCH") or run("git", "log", "-1", "--format=%ct").strip()
+    """SOURCE_DATE_EPOCH for every program that is run: as given, or the time of the last commit, which git writes into
+    .date of a source archive."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    if not epoch:
+        epoch = run("git", "log", "-1", "--format=%ct") if is_repository() else (TOP / ".date").read_text()
+    epoch = epoch.strip()
+    if not epoch.isdecimal():
+        sys.exit(f'dist: "{epoch}" is no time of a commit: set SOURCE_DATE_EPOCH to seconds since 1970')
     os.environ["SOURCE_DATE_EPOCH"] = epoch
     return int(epoch)
 
@@ -121,9 +131,6 @@ def tree(folder: Path) -> None:
     for path in sorted(folder.rglob("*")):
         if not path.is_symlink():
             path.chmod(0o755 if path.is_dir() else 0o644)
-    if os.environ.get("BYTECODE") != "no":
-        root = os.environ.get("DESTDIR", "")
-        compileall.compile_dir(folder, quiet=2, stripdir=root or None, workers=0)
 
 
 def _with_programs() -> dict[str, str]:
@@ -158,16 +165,17 @@ def wheel(out: Path) -> Path:
 # ---- source, checksums -----------------------------------------------------------------------------------------------
 
 
-def source(out: Path) -> Path:
+def source(out: Path) -> None:
     """git's archive of the last commit."""
+    if not is_repository():
+        print("dist: no git repository: no source archive is made")
+        return
     if run("git", "status", "--porcelain", "--untracked-files=no").strip():
         print("dist: the tree has changes that are not committed; the source archive is that of the last commit")
     name = f"inertiad-{VERSION}"
     archive = ("git", "archive", "--format=tar", f"--prefix={name}/", "HEAD")
     tar = subprocess.run(archive, cwd=TOP, check=True, capture_output=True).stdout
-    path = out / f"{name}.tar.gz"
-    path.write_bytes(gzip.compress(tar, 9, mtime=0))
-    return path
+    (out / f"{name}.tar.gz").write_bytes(gzip.compress(tar, 9, mtime=0))
 
 
 def write_sums(out: Path) -> None:

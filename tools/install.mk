@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# make install, make dist. What is shipped is linked apart from build/bin: without debug information, which holds the path
-# of the source tree, and against liblcm.so.1, so that this LGPL library can be replaced.
+# make release, make install, make dist. Release and dist build and ask the network; install only copies, as root or not.
+# What is shipped is linked apart from build/bin: without debug information, which holds the path of the source tree, and
+# against liblcm.so.1, so that this LGPL library can be replaced.
 
 PREFIX ?= /usr/local
 DESTDIR ?=
@@ -62,13 +63,23 @@ $(R)/man/stamp: $(PROGRAMS) $(BINDING) tools/man.py $(wildcard host/inertiad/ine
 
 RELEASED := $(R)/prefix/inertiad $(R)/wheel/inertiad $(R)/system/inertiad $(addprefix $(R)/python/,$(HOST_SO)) \
     $(R)/lib/libinertiad.a $(R)/lib/libinertiad_lcm.a $(R)/lib/libinertiad.so.$(SOVERSION) $(R)/lib/libinertiad_lcm.so.$(SOVERSION)
-release: build $(RELEASED) $(R)/man/stamp
+
+$(R)/tree.stamp: $(addprefix $(R)/python/,$(HOST_SO)) $(GEN) tools/dist.py tools/notice.py LICENSE \
+    $(shell find host/inertiad -type f ! -name '*.pyc') | .venv/run.stamp
+	$(call say,host tool with its Python packages)$(PY) tools/dist.py tree $(R)/tree && touch $@
+
+## Build what make install copies: programs, libraries, host tool with its Python packages, manual pages
+release: build $(RELEASED) $(R)/man/stamp $(R)/tree.stamp
+	@touch $(R)/stamp
+released:
+	@test -e $(R)/stamp || { echo 'make install copies what make release has built: run make release first' >&2; exit 2; }
 
 # Parts of an installation; each package of make dist takes some of them.
 put = install -D -m $(1) $(2) $(DESTDIR)$(3)
 KIND ?= prefix
+BYTECODE ?= yes
 
-install-daemon: release
+install-daemon: released
 	$(Q)$(call put,755,$(R)/$(KIND)/inertiad,$(PREFIX)/bin/inertiad)
 	$(Q)install -d $(DESTDIR)$(PREFIX)/lib/systemd/system
 	$(Q)sed 's#/usr/local/bin/#$(PREFIX)/bin/#' $(PACKAGING)/inertiad.service >$(DESTDIR)$(PREFIX)/lib/systemd/system/inertiad.service
@@ -83,7 +94,7 @@ install-daemon: release
 	$(Q)cp -rT --preserve=mode firmware/robots $(DESTDIR)$(PREFIX)/share/inertiad/robots
 	$(Q)cp $(R)/man/inertiad.8.gz $(DESTDIR)$(PREFIX)/share/man/man8/
 
-install-library: release
+install-library: released
 	$(Q)install -d $(DESTDIR)$(PREFIX)/include/inertiad/batch $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(LIBDIR)/cmake/inertiad \
 	    $(DESTDIR)$(PREFIX)/share/inertiad/lcm_types
 	$(Q)install -m 644 $(LIBRARY_H) build/gen/*.h host/eigen/include/inertiad/*.hpp $(DESTDIR)$(PREFIX)/include/inertiad/
@@ -98,8 +109,11 @@ install-library: release
 	    $(PACKAGING)/$$f.cmake.in >$(DESTDIR)$(LIBDIR)/cmake/inertiad/$$f.cmake || exit 1; done
 	$(Q)install -m 644 lcm_types/* $(DESTDIR)$(PREFIX)/share/inertiad/lcm_types/
 
-install-tools: release
-	$(Q)$(PY) tools/dist.py tree $(DESTDIR)$(PREFIX)/lib/inertiad
+install-tools: released
+	$(Q)rm -rf $(DESTDIR)$(PREFIX)/lib/inertiad && install -d $(DESTDIR)$(PREFIX)/lib
+	$(Q)cp -rT --preserve=mode $(R)/tree $(DESTDIR)$(PREFIX)/lib/inertiad
+	$(Q)[ $(BYTECODE) = no ] || $(SYSTEM_PYTHON) -m compileall -q -j 0 --invalidation-mode checked-hash \
+	    $(if $(DESTDIR),-s $(DESTDIR)) $(DESTDIR)$(PREFIX)/lib/inertiad
 	$(Q)install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/man/man1 $(DESTDIR)$(PREFIX)/share/man/man5
 	$(Q)sed 's#@PYTHON@#$(SYSTEM_PYTHON)#' $(PACKAGING)/inertiactl.in >$(DESTDIR)$(PREFIX)/bin/inertiactl
 	$(Q)chmod 755 $(DESTDIR)$(PREFIX)/bin/inertiactl
@@ -109,7 +123,7 @@ install-tools: release
 	$(Q)$(call put,644,$(R)/man/inertiactl.zsh,$(PREFIX)/share/zsh/site-functions/_inertiactl)
 	$(Q)$(call put,644,$(R)/man/inertiactl.fish,$(PREFIX)/share/fish/vendor_completions.d/inertiactl.fish)
 
-## Install daemon, host tools, library and documents (PREFIX=/usr/local DESTDIR=)
+## Copy what make release has built: daemon, host tools, library, documents (PREFIX=/usr/local DESTDIR=)
 install: install-daemon install-library install-tools
 
 ## Remove what make install put there
@@ -127,8 +141,8 @@ uninstall:
 test-install: .venv/test.stamp dist
 	@$(PY) tools/test install
 
-## Packages into build/dist: wheel, .debs, source, SBOM, licences, checksums
+## Build packages into build/dist: wheel, .debs, source, SBOM, licences, checksums
 dist: .venv/dist.stamp release
 	$(Q)$(PY) tools/dist.py dist $(B)/dist
 
-.PHONY: release install install-daemon install-library install-tools uninstall dist test-install
+.PHONY: release released install install-daemon install-library install-tools uninstall dist test-install
