@@ -102,7 +102,7 @@ class Calls:
 def result(text: str) -> tuple[list[str], dict[str, int]]:
     """Lines of the estimates, and the numbers of the last line."""
     *estimates, last = text.splitlines()
-    names = ("frames", "rows", "estimates", "ticks", "worst", "stack", "lost", "state")
+    names = ("frames", "rows", "estimates", "ticks", "worst", "stack", "state")
     return estimates, dict(zip(names, (int(word, 16) for word in last.split()), strict=True))
 
 
@@ -137,7 +137,6 @@ def main() -> int:
     per_row = PER_TICK * numbers["ticks"] / numbers["rows"]
     lines = [
         (f"estimates that differ in a bit from x86-64, of {len(target)}", differing, differing == 0 and bool(target)),
-        ("frames lost between interrupt and main loop", numbers["lost"], numbers["lost"] == 0),
         (
             f"instructions per row, {numbers['rows']} rows, allowed {PER_ROW_MAX}",
             round(per_row),

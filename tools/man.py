@@ -111,16 +111,13 @@ def daemon_page() -> str:
     """From `inertiad --help`: usage and what it does, then the options as they stand."""
     usage, what, options = printed(DAEMON, "--help").split("\n", 2)
     options, _, example = options.partition("example:")
+    options, _, status = options.partition("exit status:")
     parts = [
         ("SYNOPSIS", escaped(usage.removeprefix("usage: "))),
         ("DESCRIPTION", escaped(what)),
         ("OPTIONS", preformatted(options.strip("\n"))),
         ("EXAMPLE", preformatted(example.strip("\n"))),
-        (
-            "EXIT STATUS",
-            "0: ended as asked. 1: a result was not written. 2: unusable options or files. 3: it cannot start now, as\n"
-            "the record, the checkpoint, the channel prefix or the network is not available.",
-        ),
+        ("EXIT STATUS", preformatted(status.strip("\n"))),
         ("SEE ALSO", r"\fBinertiactl\fR(1), \fBinertiad\-robot.toml\fR(5)"),
     ]
     return page("inertiad", 8, first_sentence(what), parts)

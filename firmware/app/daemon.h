@@ -82,10 +82,11 @@ typedef struct {
     bool was_health_sent;   ///< since the last tick
 
     health_carried_t carried;
-    uint64_t n_commands_done, n_commands_refused;
-    uint64_t n_commands_old;                 ///< of the refused: not stamped with the present time
-    uint64_t n_commands_repeated;            ///< of the refused: carried out before
-    uint64_t n_positions_unused;             ///< came over LCM while the position comes from elsewhere
+    uint64_t n_commands_done;                ///< commands carried out
+    uint64_t n_commands_refused;             ///< commands refused; the answer says why
+    uint64_t n_commands_old;                 ///< of the refused commands: not stamped with the present time
+    uint64_t n_commands_repeated;            ///< of the refused commands: carried out before
+    uint64_t n_positions_unused;             ///< TRACKER messages not used: the position comes from elsewhere
     uint64_t n_frames_last;                  ///< taken in until the last tick
     uint64_t n_frames_tick;                  ///< of them in the second before it
     ipe_bus_state_t bus_state[IPE_BUSES_MAX];

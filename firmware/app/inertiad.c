@@ -3,9 +3,7 @@
 ///
 /// One thread with one epoll set, and one thread each that writes the record and the checkpoint; no heap after start.
 /// SIGTERM, SIGINT, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM, SIGXCPU and SIGXFSZ end it as the end of the input does.
-/// Exit status: 0 end of input, or a signal; 1 estimate, checkpoint or the record of a replay not written, or no frame of a
-/// log belongs to a signal; 2 unusable options or files; 3 could not start now, may be able to later: record or checkpoint
-/// cannot be written or are in use, LCM has no network.
+/// The exit status is described in the text of --help (options.c).
 #include "close.h"
 #include "loop.h"
 #include "open.h"

@@ -40,6 +40,13 @@ static const char USAGE[] =
     "  --version           print the version\n"
     "  -h, --help          print this text\n"
     "\n"
+    "exit status:\n"
+    "  0  end of the input, or a signal such as SIGTERM\n"
+    "  1  estimate, checkpoint or the record of a replay was not written, or no frame of a log belongs to a signal\n"
+    "  2  options or files are unusable\n"
+    "  3  cannot start now, may be able to later: record or checkpoint cannot be written or another daemon holds it, another\n"
+    "     daemon uses the channels, LCM has no network\n"
+    "\n"
     "example:\n"
     "  inertiad --config robot.cfg --bus file:run/can.log --tracker file:run/tracker.csv --estimate run/estimate.json\n";
 

@@ -65,12 +65,12 @@ typedef struct {
     int64_t row_ns;                          ///< instant of the last row; 0: none yet
     uint64_t position_seen;                  ///< the tracker sample at or before the last row that has a position
 
-    uint64_t n_samples[IPE_SENSOR_COUNT];    ///< taken in
-    uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< refused: so late that a row has passed it, or out of order by too much
-    uint64_t n_duplicate[IPE_SENSOR_COUNT];  ///< refused: a sample of that instant is there
-    uint64_t n_reordered[IPE_SENSOR_COUNT];  ///< taken in, though they came after later ones
-    uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< stamps stepped back by over a second: started again
-    uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< refused: a value is NaN or Inf
+    uint64_t n_samples[IPE_SENSOR_COUNT];    ///< samples taken in
+    uint64_t n_backwards[IPE_SENSOR_COUNT];  ///< samples refused: a row has passed them, or out of order by too much
+    uint64_t n_duplicate[IPE_SENSOR_COUNT];  ///< samples refused: one of that instant is there
+    uint64_t n_reordered[IPE_SENSOR_COUNT];  ///< samples taken in, though they came after later ones
+    uint64_t n_restarts[IPE_SENSOR_COUNT];   ///< times the stamps stepped back by over a second
+    uint64_t n_nonfinite[IPE_SENSOR_COUNT];  ///< samples refused: a value is NaN or Inf
     uint64_t n_bad_quaternion;               ///< IMU samples refused: quaternion's length not 1 +- 0.1
     uint64_t n_unreachable;                  ///< positions refused: no cable reaches there
     uint64_t n_spikes[IPE_SENSOR_COUNT];     ///< samples taken out again: spikes

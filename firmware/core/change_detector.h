@@ -52,10 +52,10 @@ typedef struct {
     double contest_square;  ///< sum of the contest's NIS, 50 at most of each window
     ipe_body_step_t step;   ///< the body after
     ipe_body_step_t last;   ///< the same from the last window alone
-    uint64_t n_held;        ///< windows held back
-    uint64_t n_misfit;      ///< those of them that followed 5 s in which neither body explained them
-    uint64_t n_changes;     ///< contests that the body after won
-    uint64_t n_rejected;    ///< contests that the body before won
+    uint64_t n_held;        ///< windows held back while a suspected payload change is decided
+    uint64_t n_misfit;   ///< held windows after 5 s in which neither body explained them; the noise is learnt from them
+    uint64_t n_changes;  ///< payload changes: the body after explains the windows far better than the one before
+    uint64_t n_rejected;  ///< suspected payload changes that were none: the body before explains the windows again
 } ipe_change_detector_t;
 
 void ipe_change_detector_init(ipe_change_detector_t* d);

@@ -46,7 +46,7 @@ typedef struct {
         double device, host;
     } early;           ///< the earliest of them
 
-    uint64_t n_steps;  ///< restarts because device or host clock was stepped
+    uint64_t n_steps;  ///< times the device's or host's clock was stepped
 } ipe_clock_t;
 
 /// Start with nothing known. wrap, min_rate_span [s] as in the struct.

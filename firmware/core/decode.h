@@ -30,12 +30,12 @@ typedef struct {
     const ipe_config_t* config;
     uint8_t order[IPE_SIGNALS_MAX];  ///< indices of its signals, those of one message neighbours
 
-    uint64_t n_frames;               ///< every frame pushed = sum of the counters below that are per frame
-    uint64_t n_decoded;
-    uint64_t n_unknown;              ///< ID that no signal is bound to
+    uint64_t n_frames;               ///< all frames: the sum of the five below
+    uint64_t n_decoded;              ///< frames with a bound ID and its length; their signals may be refused
+    uint64_t n_unknown;              ///< frames with an ID that no signal is bound to
     uint64_t n_remote;               ///< remote frames
     uint64_t n_error;                ///< error frames
-    uint64_t n_bad_length;           ///< known ID, wrong number of bytes
+    uint64_t n_bad_length;           ///< frames with a bound ID and another number of bytes
     uint64_t n_nonfinite;            ///< signals refused: NaN or Inf
     uint64_t n_out_of_range;         ///< signals refused: outside the limits of the DBC
 } ipe_decode_t;

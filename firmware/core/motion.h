@@ -99,12 +99,12 @@ typedef struct {
     bool is_epoch_new;                  ///< the last row ended an epoch: epoch and spread are new
     ipe_attitude_error_t sensor_error;  ///< of the sensors' own attitude
 
-    uint64_t n_rows;                    ///< with a motion
-    uint64_t n_carried;                 ///< of these: without a position
+    uint64_t n_rows;                    ///< rows handed on, with attitude, velocity and position
+    uint64_t n_carried;                 ///< of these: position carried on through a gap of the tracker
     uint64_t n_no_position;             ///< rows with forces refused: no position, and none carried
     uint64_t n_unsettled;               ///< rows refused: tilt not known yet
-    uint64_t n_positions_refused;       ///< positions that contradict the motion
-    uint64_t n_starts;                  ///< of position and velocity: the first, and after gaps and jumps
+    uint64_t n_positions_refused;       ///< positions refused: they contradict the motion
+    uint64_t n_starts;                  ///< starts of position and velocity: the first, and after gaps and jumps
     uint64_t n_epochs;
 } ipe_motion_stage_t;
 

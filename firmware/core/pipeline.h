@@ -37,7 +37,7 @@ typedef struct {
     ipe_window_t window;
     ipe_estimator_t estimator;
     bool is_frozen;     ///< windows do not reach the estimator
-    uint64_t n_frozen;  ///< windows that did not
+    uint64_t n_frozen;  ///< windows that did not reach the estimator while it was frozen
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.

@@ -48,12 +48,12 @@ typedef struct {
     int64_t last_ns;           ///< the last frame
     ipe_reading_t reading;
 
-    uint64_t n_complete;
+    uint64_t n_complete;    ///< samples handed on: every value came
     uint64_t n_incomplete;  ///< samples dropped: a frame or a value of them was missing
     uint64_t n_lost;        ///< samples that the counter says were never seen, and that did not come late either
     uint64_t n_jumps;       ///< times the counter went on where it cannot have been
     uint64_t n_used;        ///< frames in complete samples
-    uint64_t n_dropped;     ///< frames in incomplete ones
+    uint64_t n_dropped;     ///< frames in incomplete samples
     uint64_t n_duplicate;   ///< frames that repeated one of the same sample, ignored
 } ipe_sample_assembler_t;
 

@@ -32,7 +32,7 @@ typedef struct {
 
     uint64_t n_lost;      ///< samples lost by the gaps, where there is no counter; after long gaps about
     uint64_t n_dropped;   ///< samples whose instant could not be determined
-    uint64_t n_restarts;  ///< the pace changed: period or phase learnt again
+    uint64_t n_restarts;  ///< times the pace changed: period or phase is learnt again
 } ipe_sample_timing_t;
 
 void ipe_sample_timing_init(ipe_sample_timing_t* p);

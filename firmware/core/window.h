@@ -90,9 +90,9 @@ typedef struct {
     double interval[IPE_WINDOW_MEASURED];  ///< s, those, ascending
     ipe_noise_density_t noise_density;     ///< once the period is known: of s and w
 
-    uint64_t n_rows;                       ///< taken in
-    uint64_t n_windows;                    ///< finished
-    uint64_t n_restarts;                   ///< gaps that threw the open windows away
+    uint64_t n_rows;                       ///< rows taken in
+    uint64_t n_windows;                    ///< windows finished
+    uint64_t n_restarts;                   ///< times a gap threw the open windows away
     uint64_t n_backwards;                  ///< rows refused: stamp not after the one before
 } ipe_window_t;
 

@@ -16,8 +16,10 @@ typedef enum {
 
 typedef struct {
     ipe_bus_condition_t condition;
-    uint64_t n_warning, n_passive, n_off;  ///< times each was entered
-    uint64_t n_restarted;
+    uint64_t n_warning;    ///< times the controller entered error warning
+    uint64_t n_passive;    ///< times the controller entered error passive
+    uint64_t n_off;        ///< times the controller went bus-off
+    uint64_t n_restarted;  ///< times the controller was restarted
 } ipe_bus_state_t;
 
 /// Use one frame that has IPE_CAN_ERR set. The new state as a static string, such as "bus-off"; NULL if it did not change.

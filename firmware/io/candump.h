@@ -19,7 +19,7 @@
 typedef enum {
     IPE_CANDUMP_FRAME,      ///< frame is filled in, but for frame->bus
     IPE_CANDUMP_COMMENT,    ///< comment or blank line
-    IPE_CANDUMP_DROPS,      ///< the logger lost n_dropped frames before this line
+    IPE_CANDUMP_DROPS,      ///< the logger reports frames lost before this line: n_dropped
     IPE_CANDUMP_BAD_STAMP,  ///< no "(seconds.fraction)"
     IPE_CANDUMP_BAD_NAME,   ///< no interface name of 1 to 15 characters
     IPE_CANDUMP_BAD_ID,     ///< not 3 or 8 hex digits, or above 7FF or 1FFFFFFF

@@ -37,7 +37,7 @@ typedef struct {
     atomic_bool is_busy;         ///< state belongs to the writer
     ipe_checkpoint_state_t state;
     _Atomic uint64_t n_written;  ///< times the file was replaced
-    _Atomic uint64_t n_errors;   ///< times it could not be
+    _Atomic uint64_t n_errors;   ///< times the file could not be written
     ipe_message_limit_t limit;
 } ipe_checkpoint_t;
 

@@ -21,8 +21,8 @@ typedef struct {
     int64_t now_ns;                                    ///< CLOCK_MONOTONIC at the last refresh
     int (*read)(clockid_t clock, struct timespec* t);  ///< clock_gettime(), or a test's replacement
 
-    uint64_t n_steps;
-    int64_t step_ns;  ///< the last step, forward positive
+    uint64_t n_steps;                                  ///< times the host's clock was set
+    int64_t step_ns;                                   ///< the last step, forward positive
 } ipe_host_clock_t;
 
 /// Start now. read: clock_gettime, or a replacement.

@@ -73,14 +73,14 @@ typedef struct {
     int64_t own_ns;
     uint8_t datagram[IPE_INBOX_BYTES];
 
-    uint64_t n_positions;          ///< handed on
-    uint64_t n_positions_invalid;  ///< flagged as not to be used
-    uint64_t n_positions_bad;      ///< not a tracker_t, or its time out of range
-    uint64_t n_positions_other;    ///< of another publisher than the one TRACKER is bound to
-    uint64_t n_positions_foreign;  ///< from another origin than allowed
-    uint64_t n_commands;           ///< handed on
-    uint64_t n_commands_bad;       ///< not a command_t
-    uint64_t n_commands_foreign;   ///< from another origin than allowed
+    uint64_t n_positions;          ///< TRACKER messages handed on
+    uint64_t n_positions_invalid;  ///< TRACKER messages flagged as not to be used
+    uint64_t n_positions_bad;      ///< TRACKER messages refused: not a tracker_t, or its time out of range
+    uint64_t n_positions_other;    ///< TRACKER messages refused: of another publisher than the bound one
+    uint64_t n_positions_foreign;  ///< TRACKER messages refused: from another origin than allowed
+    uint64_t n_commands;           ///< COMMAND messages handed on
+    uint64_t n_commands_bad;       ///< COMMAND messages refused: not a command_t
+    uint64_t n_commands_foreign;   ///< COMMAND messages refused: from another origin than allowed
 } ipe_inbox_t;
 
 /// Join the group of an LCM URL, udpm://[ADDRESS[:PORT]][?...], on the loopback and on the interface to which multicast

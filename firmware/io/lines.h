@@ -26,7 +26,7 @@ typedef struct {
     bool is_at_end;     ///< read() has returned 0 or an error
     bool is_skipping;   ///< inside a line that is too long
     int error;          ///< errno of the read() that ended it, 0: none
-    uint64_t number;    ///< of the last line returned, from 1
+    uint64_t number;    ///< lines read
     size_t begin, end;  ///< unread bytes: buffer[begin .. end)
     char buffer[IPE_LINES_BYTES];
 } ipe_lines_t;

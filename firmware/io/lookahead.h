@@ -14,7 +14,7 @@ typedef struct {
     bool has_head, has_ahead, has_last;
     int64_t last_ns;   ///< stamp of the last item taken
 
-    uint64_t n_stray;  ///< items left out
+    uint64_t n_stray;  ///< items left out: stamp over 1 s off those around it
 } ipe_lookahead_t;
 
 /// Where the items come from and go to. They are size bytes each and begin with their stamp, an int64_t in ns.

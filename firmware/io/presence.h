@@ -20,7 +20,7 @@ typedef struct {
     int64_t period_ns;   ///< 0: not known
     int64_t silence_ns;  ///< how long it has been, or had been, silent
 
-    uint64_t n_lost;     ///< times
+    uint64_t n_lost;     ///< times the sensor fell silent
 } ipe_presence_t;
 
 /// Look: n_samples so far, the newest stamped newest_ns, now being now_ns. Time that goes back starts again.

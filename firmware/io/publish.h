@@ -99,7 +99,7 @@ typedef struct {
     uint8_t bytes[IPE_PUBLISH_BYTES];
 
     uint64_t n_input_dropped;  ///< frames and rows lost so far, as last given by the caller
-    uint64_t n_messages;       ///< sent
+    uint64_t n_messages;       ///< messages sent
     uint64_t n_failed;         ///< messages liblcm refused to send
     uint64_t n_frames_failed;  ///< frames in RAW messages that failed
     uint64_t n_items_failed;   ///< items in ORDER messages that failed

@@ -70,8 +70,8 @@ typedef struct ipe_record {
     unsigned n_files;             ///< number last given to a file moved aside
     int64_t give_up_ns;           ///< CLOCK_MONOTONIC at which a pipe that nobody reads is given up; 0: not closing yet
 
-    _Atomic uint64_t n_messages;  ///< written, without configurations
-    _Atomic uint64_t n_bytes;     ///< written
+    _Atomic uint64_t n_messages;  ///< messages written, without configurations
+    _Atomic uint64_t n_bytes;     ///< bytes written
     _Atomic uint64_t n_full;      ///< messages dropped: queue full, or longer than IPE_RECORD_MESSAGE_MAX
     _Atomic uint64_t n_unwritten;  ///< messages dropped: the disk refused them
     _Atomic uint64_t n_errors;     ///< failed writes, syncs and rotations

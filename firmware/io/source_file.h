@@ -28,10 +28,10 @@ typedef struct {
     ipe_message_limit_t limit;
 
     ipe_bus_counts_t counts;               ///< n_dropped: from DROPCOUNT lines
-    uint64_t n_result[IPE_CANDUMP_COUNT];  ///< lines by result
+    uint64_t n_result[IPE_CANDUMP_COUNT];  ///< lines
     uint64_t n_other_interface;            ///< frames of interfaces that the filter keeps out
     uint64_t n_too_long;                   ///< lines skipped, longer than IPE_LINE_MAX
-    uint64_t n_cut;                        ///< a last line without line end that is not a frame
+    uint64_t n_cut;                        ///< last lines without line end that are no frame
 } ipe_source_file_t;
 
 /// Open a log, "-" for stdin. Strings are kept by pointer.

@@ -29,8 +29,8 @@ typedef struct {
     ipe_lines_t lines;
     ipe_message_limit_t limit;
 
-    uint64_t n_positions;  ///< handed on
-    uint64_t n_bad_rows;   ///< a needed cell missing or not a number, or a line that is too long or cut
+    uint64_t n_positions;  ///< positions handed on
+    uint64_t n_bad_rows;   ///< rows refused: a needed cell missing or not a number, or the line too long or cut
 } ipe_source_tracker_file_t;
 
 /// Open a file ("-": stdin) and read its header; waits for it on a pipe, until stop_fd is readable. path is kept by pointer.

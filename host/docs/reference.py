@@ -18,35 +18,8 @@ from inertiad.robot import reference as keys
 
 IO = ("source_socketcan", "source_file", "bus_state", "source_tracker_file", "publish", "inbox", "record", "checkpoint")
 STAGE_OF = {"publish": "lcm", "inbox": "lcm", "source_tracker_file": "tracker"}
-PLAINER = {
-    "decode.decoded": "frames of which at least one signal was taken",
-    "group.imu.complete": "samples of which every frame came",
-    "group.force.complete": "samples of which every frame came",
-    "group.position.complete": "samples of which every frame came",
-    "motion.rows": "rows with an attitude and a velocity",
-    "window.windows": "windows finished",
-    "detect.changes": "payload changes: the body after explains the windows far better",
-    "detect.rejected": "suspected changes that were none: the body before explains the windows as well",
-    "detect.misfit": "suspected changes after which neither body explained the windows for 5 s",
-    "estimate.frozen": "windows that did not reach the estimator while it was frozen",
-    "busN.lines": "lines read",
-    "busN.drop_reports": "lines in which the logger reports lost frames",
-    "busN.comments": "lines that are comments",
-    "busN.bad_stamp": "lines refused: no time stamp",
-    "busN.bad_name": "lines refused: no interface name",
-    "busN.bad_id": "lines refused: no CAN identifier",
-    "busN.bad_data": "lines refused: data bytes",
-    "busN.bad_tail": "lines refused: something behind the data",
-    "busN.stray_stamp": "lines refused: a stamp far from those around it",
-    "busN.error_warning": "times the controller entered error warning",
-    "busN.error_passive": "times the controller entered error passive",
-    "busN.bus_off": "times the controller went bus-off",
-    "busN.restarted": "times the controller was restarted",
-    "tracker.stray_time": "rows refused: a time far from those around it",
-    "tracker.positions": "positions handed on",
-    "record.dropped": "messages that are not in the record",
-}
-"""meaning of counters whose comment in the code says it only beside its neighbours"""
+LATE = ("force", "position")
+"""sensors that may be late: rows are those of the IMU"""
 
 
 def cell(text: str) -> str:
@@ -100,10 +73,7 @@ def commands() -> str:
 def daemon(program: Path) -> str:
     """The daemon's help."""
     said = subprocess.run([program, "-h"], capture_output=True, text=True, check=True)
-    exits = (
-        "Exit codes: 0 end of input or SIGTERM, 1 nothing was bound, 2 bad usage or input, 3 it could not start now."
-    )
-    return f"# The daemon\n`inertiad -h` prints:\n\n```text\n{(said.stdout + said.stderr).rstrip()}\n```\n\n{exits}\n"
+    return f"# The daemon\n`inertiad -h` prints:\n\n```text\n{said.stdout.rstrip()}\n```\n"
 
 
 # ---- keys ------------------------------------------------------------------------------------------------------------
@@ -161,8 +131,7 @@ def robot_schema() -> str:
 
 def messages(folder: Path) -> str:
     """The README of the message types, and each type as it is defined."""
-    text = re.sub(r"\A# Messages\n", "# Messages\n", (folder / "README.md").read_text(encoding="utf-8"))
-    lines = [text, "## Types", ""]
+    lines = [(folder / "README.md").read_text(encoding="utf-8"), "## Types", ""]
     for file in sorted(folder.glob("*.lcm")):
         said = [x for x in file.read_text(encoding="utf-8").splitlines() if not x.startswith(("// SPDX", "package"))]
         lines += [f"### {file.stem}", "", "```c", "\n".join(said).strip(), "```", ""]
@@ -172,13 +141,32 @@ def messages(folder: Path) -> str:
 # ---- counters --------------------------------------------------------------------------------------------------------
 
 
-def _comment_of(path: str, types: dict[str, dict[str, headers.Member]]) -> str:
-    """Comment of a member such as estimator.rls.n_updates of the pipeline."""
-    kind, said = "ipe_pipeline_t", ""
-    for part in re.sub(r"\[\w+\]", "", path).split("."):
-        member = types[kind][part]
-        kind, said = member.type, member.comment
-    return said
+class _Comments:
+    """Comments of the members, constants and functions that counters are read from."""
+
+    def __init__(self, firmware: Path) -> None:
+        files = [file for folder in ("core", "io", "app") for file in sorted((firmware / folder).glob("*.h"))]
+        self.types = {name: found for file in files for name, found in headers.members(file).items()}
+        text = "\n".join(file.read_text(encoding="utf-8") for file in files)
+        self.constants = dict(re.findall(r"^ +(IPE_\w+)(?: = \d+)?,? *///< (.*)$", text, re.MULTILINE))
+        functions = re.findall(r"^/// ([^\n]*)\.\n(\w+) (ipe_\w+)\(", text, re.MULTILINE)
+        self.functions = {name: (kind, said[0].lower() + said[1:]) for said, kind, name in functions}
+
+    def of(self, kind: str, path: str) -> str:
+        """Comment of a member such as estimator.rls.n_updates, and of the constant that is its index."""
+        said = ""
+        for part in re.sub(r"\[\w+\]", "", path).split("."):
+            member = self.types[kind][part]
+            kind, said = member.type, member.comment
+        index = re.search(r"\[(IPE_CANDUMP_\w+)\]", path)
+        return f"{said}: {self.constants[index[1]]}" if index else said
+
+    def of_value(self, kind: str, value: str) -> str:
+        """Comment of what an expression reads: a member of the object, of a function's result, or the function's own."""
+        if called := re.search(r"(ipe_\w+)\(.*\)(?:\.(\w+))?", value):
+            result, said = self.functions[called[1]]
+            return self.of(result, called[2]) if called[2] else said
+        return self.of(kind, re.search(r"\w+->([\w.\[\]]+)", value)[1])  # type: ignore[index]
 
 
 def _flags(name: str) -> str:
@@ -190,22 +178,31 @@ def _flags(name: str) -> str:
     return ", ".join(said)
 
 
-def _pipeline_counters(core: Path) -> Iterator[tuple[str, str]]:
-    types = {name: found for file in core.glob("*.h") for name, found in headers.members(file).items()}
-    table = (core / "counter_table.c").read_text(encoding="utf-8")
+def _pipeline_counters(firmware: Path, comments: _Comments) -> Iterator[tuple[str, str]]:
+    table = (firmware / "core/counter_table.c").read_text(encoding="utf-8")
     for name, path in re.findall(r'\{"([\w.]+)", AT\(([^)]+)\)', table):
-        yield name, _comment_of(path, types)
+        yield name, comments.of("ipe_pipeline_t", path)
 
 
-def _daemon_counters(io: Path) -> Iterator[tuple[str, str]]:
-    shared = headers.members(io / "bus_counts.h")["ipe_bus_counts_t"]
+def _source_counters(firmware: Path, comments: _Comments) -> Iterator[tuple[str, str]]:
+    """Of the modules of io, each with a table of its own."""
     for source in IO:
-        own = {n: m for found in headers.members(io / f"{source}.h").values() for n, m in found.items()} | shared
-        body = (io / f"{source}.c").read_text(encoding="utf-8").partition(f"ipe_{source}_counter(")[2]
+        body = (firmware / f"io/{source}.c").read_text(encoding="utf-8").partition(f"ipe_{source}_counter(")[2]
+        stage = STAGE_OF.get(source, "busN" if source.startswith(("source", "bus")) else source)
         for cause, value in re.findall(r'\{"(\w+)",\s*([^{}]+?)\}', body.partition("\n}\n")[0]):
-            members = re.findall(r"\bn_\w+", value)
-            stage = STAGE_OF.get(source, "busN" if source.startswith(("source", "bus")) else source)
-            yield f"{stage}.{cause}", own[members[0]].comment if members and members[0] in own else ""
+            yield f"{stage}.{cause}", comments.of_value(f"ipe_{source}_t", value)
+
+
+def _daemon_counters(firmware: Path, comments: _Comments) -> Iterator[tuple[str, str]]:
+    """Of the daemon itself."""
+    text = (firmware / "app/health.c").read_text(encoding="utf-8")
+    for stage, cause, value in re.findall(r'ipe_counters_add\(&d->counters, ([^;]+?), "(\w+)",\s*([^;]+)\);', text):
+        if stage.startswith('"'):
+            yield f"{stage[1:-1]}.{cause}", comments.of_value("daemon_t", value)
+            continue
+        is_late = "lateness" in cause
+        for sensor in LATE if is_late else ("imu", *LATE):
+            yield f"{sensor}.{cause}", comments.of_value("daemon_t", value) + (", us" if is_late else "")
 
 
 def counter_page(firmware: Path) -> str:
@@ -213,17 +210,16 @@ def counter_page(firmware: Path) -> str:
     lines = [
         "# Counters",
         "`HEALTH`, the daemon's last lines, `estimate.json` and `verify` name losses by these counters: stage, then",
-        "cause. A row is one aligned sample of all sensors.",
+        "cause. A row is one aligned sample of all sensors. A window is 0.4 s of rows, by default.",
         "",
     ]
+    comments = _Comments(firmware)
     for title, found in (
-        ("Pipeline", _pipeline_counters(firmware / "core")),
-        ("Buses, network, files", _daemon_counters(firmware / "io")),
+        ("Pipeline", _pipeline_counters(firmware, comments)),
+        ("Buses, network, files", _source_counters(firmware, comments)),
+        ("Sensors, commands, clock", _daemon_counters(firmware, comments)),
     ):
-        lines += [f"## {title}", "", "| counter | meaning | what it tells |", "|---|---|---|"]
-        lines += [
-            f"| `{name}` | {cell(PLAINER.get(name, meaning))} | {_flags(name)} |"
-            for name, meaning in dict(found).items()
-        ]
+        lines += [f"## {title}", "", "| counter | meaning | judged |", "|---|---|---|"]
+        lines += [f"| `{name}` | {cell(meaning)} | {_flags(name)} |" for name, meaning in dict(found).items()]
         lines.append("")
     return "\n".join(lines)

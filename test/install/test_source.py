@@ -29,8 +29,8 @@ def run(unpacked: Path, *command: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_time_stamps_are_those_of_the_commit(unpacked):
-    committed = run(TOP, "git", "log", "-1", "--format=%ct").stdout.strip()
-    assert (unpacked / ".date").read_text().strip() == committed
+    committed = (unpacked / ".date").read_text().strip()
+    assert committed in run(TOP, "git", "log", "--format=%ct").stdout.split()
     script = "import sys; sys.path[:0] = ['tools']; import dist; print(dist.set_epoch())"
     done = run(unpacked, sys.executable, "-c", script)
     assert (done.returncode, done.stdout.strip()) == (0, committed), done.stderr

@@ -12,15 +12,16 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/// 64 frames bridge 7 ms of a full bus of 1 Mbit/s (about 9000 frames/s): more than the longest update of the filter.
+/// 64 frames of 8 bytes fill a bus of 1 Mbit/s for 7 ms. A processor that executes 480 million instructions per second needs
+/// 4 ms for the longest call of ipe_pipeline_step (`make m7` counts its instructions); a slower one needs a larger ring.
 enum { IPE_FRAME_RING = 64 };
 
 typedef struct {
     ipe_frame_t frame[IPE_FRAME_RING];
-    atomic_uint head;  ///< frames put in since the start
-    atomic_uint tail;  ///< frames taken out
-    atomic_uint n_lost;
-    unsigned n_most;   ///< most frames that have waited at once; the reader's
+    atomic_uint head;    ///< frames put in since the start
+    atomic_uint tail;    ///< frames taken out
+    atomic_uint n_lost;  ///< frames refused because the ring was full
+    unsigned n_most;     ///< most frames that have waited at once; the reader's
 } ipe_frame_ring_t;
 
 /// Interrupt: put a frame in. False, and counted: the ring is full.

@@ -131,8 +131,8 @@ int main(void)
     }
     ipe_pipeline_flush(&pipeline);
     step_all();
-    const uint64_t result[] = {measured.n_frames, measured.n_rows,    measured.n_estimates,      measured.ticks,
-                               measured.worst,    board_stack_used(), atomic_load(&ring.n_lost), sizeof pipeline};
+    const uint64_t result[] = {measured.n_frames, measured.n_rows,    measured.n_estimates, measured.ticks,
+                               measured.worst,    board_stack_used(), sizeof pipeline};
     for (size_t i = 0; i < sizeof result / sizeof *result; ++i) { write_hex(result[i]); }
     board_write("\n", 1);
     board_exit(measured.n_estimates > 0 ? 0 : 1);
