@@ -47,7 +47,7 @@ $(B)/obj/firmware/app/options.o: host/inertiad/pyproject.toml
 
 ## Print this list
 help:
-	@awk '/^## /{d=substr($$0,4); next} /^[a-z-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' $(filter-out %.d,$(MAKEFILE_LIST))
+	@awk '/^## /{d=substr($$0,4); next} /^[a-z0-9-]+:/{if(d){t=$$1; sub(":.*","",t); printf "  make %-14s %s\n",t,d}} {d=""}' $(filter-out %.d,$(MAKEFILE_LIST))
 	@echo '  T=word narrows a test, V=1 shows commands'
 
 # ---- set-up: each stamp is one group of packages ------------------------------------------------------------------
@@ -131,7 +131,7 @@ include firmware/ports/m7.mk
 TESTED := build unit-programs accept-programs
 PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(shell nproc))
 
-## Run every test; ends with one line: N passed, N failed, N skipped
+## Run the tiers unit, laws, host, vcan and asan; ends with one line: N passed, N failed, N skipped
 test: .venv/test.stamp .venv/docs.stamp
 	@$(MAKE) --no-print-directory $(PARALLEL) $(TESTED) micro vcan-runs asan-programs
 	@$(PY) tools/test unit laws host vcan asan
@@ -165,7 +165,7 @@ test-vcan: .venv/test.stamp vcan-runs
 test-asan: asan-programs
 	@$(PY) tools/test asan
 
-## Lines of the core that its unit tests and laws run; fails below 95 % (page: build/coverage/index.html)
+## Measure which lines of the core its unit tests and laws run; fails below 95 % (page: build/coverage/index.html)
 coverage: .venv/coverage.stamp $(UNITY_DIR)/unity.c | $(GEN)
 	@$(MAKE) --no-print-directory B=build/coverage OPT='-O0 -g' SANITIZE=--coverage unit-programs
 	$(Q)find build/coverage -name '*.gcda' -delete
@@ -198,7 +198,7 @@ $(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B
 
 BENCHES := core offline simulate control gaps excite report record pacing receive soak
 
-## Measure beside other software (about 40 min; T="core receive" picks of: core offline simulate gaps excite report record pacing receive soak)
+## Measure beside other software (40 min; T="core receive" picks of: core offline simulate control gaps excite report record pacing receive soak)
 bench: $(addprefix bench-,$(or $(T),$(BENCHES)))
 $(addprefix bench-,$(BENCHES)): .venv/test.stamp build bench-programs
 bench-programs: $(BENCH)
@@ -217,7 +217,7 @@ bench-soak:
 	$(Q)$(PY) test/bench/flood.py
 	$(Q)$(PY) test/bench/soak.py
 
-## Acceptance list: limit, measured, PASS or FAIL, on unseen seeds; table and pictures in build/accept/ (T="T6 T8")
+## Judge the acceptance list on unseen seeds: limit, measured, PASS or FAIL; pictures in build/accept/ (T="T6 T8")
 accept: .venv/test.stamp .venv/accept.stamp build accept-programs second-target
 	$(Q)$(PY) test/accept/accept.py $(T)
 
@@ -230,7 +230,7 @@ second-target: .venv/accept.stamp $(GEN)
 build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/libinertiad_io.a lib/libinertiad_core.a)
 	$(call say,ld  $@)$(CC) -static -Wl,--gc-sections $^ -lm -o $@
 
-## Error of `inertiactl sync` against known delays, on unseen seeds (about 20 min)
+## Measure the error of `inertiactl sync` against known delays, on unseen seeds (about 20 min)
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
 
@@ -269,10 +269,10 @@ lint: .venv/lint.stamp .venv/test.stamp build
 	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
 	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl tools/mistakes .ci/run
 
-## Everything a change must pass
+## Run what a change must pass: format-check, lint, test
 check: format-check lint test
 
-## Bytes per stage of the core, and its deepest stack frames
+## Print bytes per stage of the core, and its deepest stack frames
 size: $(B)/lib/libinertiad_core.a
 	@size $<
 	@echo; echo 'bytes of stack, largest frames:'

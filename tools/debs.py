@@ -19,10 +19,12 @@ from typing import NamedTuple
 
 TOP = Path(__file__).resolve().parent.parent
 RELEASE = TOP / "build/release"
-MAINTAINER = "The inertiad authors <inertiad@localhost.localdomain>"
-"""Debian wants an address; the project has none, it is reached through its repository."""
+MAINTAINER = "{} <{}>".format(
+    os.environ.get("DEBFULLNAME", "The inertiad authors"), os.environ.get("DEBEMAIL", "inertiad@inertiad.invalid")
+)
+"""Debian wants an address: that of whoever builds, else one that reaches nobody."""
 OVERRIDES = """\
-# Not for upload to Debian: reached through the project's repository, no mail address, no bug to close.
+# Not for upload to Debian: no bug to close, and without DEBEMAIL no address that reaches anybody.
 NAME: bogus-mail-host *
 NAME: bogus-mail-host-in-debian-changelog *
 NAME: initial-upload-closes-no-bugs *
@@ -174,7 +176,7 @@ def _documents(root: Path, name: str, version: str, epoch: int) -> None:
     target.write_text(OVERRIDES.replace("NAME", name) + (own.read_text() if own.exists() else ""))
 
 
-def _libraries(root: Path, name: str, others: Path) -> list[str]:
+def _libraries(root: Path, name: str) -> list[str]:
     """Packages whose libraries the programs load, by dpkg-shlibdeps; those of bundled Python packages need no newer."""
     own = [p for p in sorted(root.rglob("*")) if p.is_file() and not p.is_symlink() and _is_own_elf(p)]
     if not own:
@@ -201,7 +203,7 @@ def _control(package: Package, root: Path, version: str, architecture: str) -> N
     folder = root / "DEBIAN"
     folder.mkdir()
     size = sum(p.lstat().st_size for p in root.rglob("*") if p.is_file()) // 1024
-    depends = ", ".join([*package.depends, *_libraries(root, package.name, root)])
+    depends = ", ".join([*package.depends, *_libraries(root, package.name)])
     lines = [
         f"Package: {package.name}",
         f"Version: {version}",

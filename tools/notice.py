@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Licences and parts of what is shipped: NOTICE as text, and a software bill of materials (CycloneDX 1.5)."""
 
+import ctypes
 import datetime
 import json
 import re
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 
 TOP = Path(__file__).resolve().parent.parent
 LCM_SOURCE = "https://github.com/lcm-proj/lcm"
+GLIB_SOURCE = "https://gitlab.gnome.org/GNOME/glib"
 HEAD = """\
 inertiad
 Copyright The inertiad authors
@@ -27,14 +29,16 @@ liblcm (LGPL-2.1-or-later, {source})
   Python package lcm), in PREFIX/lib/inertiad/lib (make install). LD_LIBRARY_PATH serves, too. Inline functions of
   lcm_coretypes.h are compiled into the programs; their source and this project's are public, and `make` links them
   again. The Python package lcm, in inertiad-tools and below PREFIX/lib/inertiad, has liblcm in lcm/_lcm.so; its source
-  is that of the same version at the address above.
+  is that of the same version at the address above. liblcm loads GLib (LGPL-2.1-or-later, {glib}), the
+  system's libglib-2.0.so.0, which is not shipped.
 """
+ROBIN = "nanobind/ext/robin_map/include/tsl"
 UNSTATED = {"lcm": "LGPL-2.1-or-later"}
 """Licences of packages whose metadata has none; read in their licence files."""
 COMPILED = (
     "Compiled into the Python binding inertiad_core and inertiad_replay, and used by the C++ headers:",
     "  Eigen (MPL-2.0, https://eigen.tuxfamily.org): its source, unchanged, is at that address",
-    "  nanobind (BSD-3-Clause), robin-map (MIT): texts below",
+    "  nanobind {nanobind} (BSD-3-Clause), robin-map {robin} (MIT): texts below",
 )
 BUNDLED = """\
 Python packages in inertiad-tools.deb and below PREFIX/lib/inertiad of make install, each with its licence in its
@@ -74,16 +78,31 @@ def _key(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+def _robin_version() -> str:
+    """Of the copy in nanobind."""
+    header = metadata.distribution("nanobind").locate_file(f"{ROBIN}/robin_growth_policy.h")
+    return ".".join(re.findall(r"#define TSL_RH_VERSION_(?:MAJOR|MINOR|PATCH) (\d+)", Path(str(header)).read_text()))
+
+
+def _glib_version() -> str:
+    """Of the system that builds."""
+    library = ctypes.CDLL("libglib-2.0.so.0")
+    parts = (ctypes.c_uint.in_dll(library, f"glib_{part}_version") for part in ("major", "minor", "micro"))
+    return ".".join(str(part.value) for part in parts)
+
+
 def compiled_in() -> list[Part]:
     """What the bindings and programs contain or load."""
     macros = Path("/usr/include/eigen3/Eigen/src/Core/util/Macros.h").read_text()
     eigen = ".".join(re.findall(r"#define EIGEN_(?:WORLD|MAJOR|MINOR)_VERSION (\d+)", macros))
     nanobind, lcm = metadata.version("nanobind"), metadata.version("lcm")
+    robin, glib = _robin_version(), _glib_version()
     return [
         Part("eigen", eigen, "MPL-2.0", f"pkg:generic/eigen@{eigen}"),
         Part("nanobind", nanobind, "BSD-3-Clause", f"pkg:pypi/nanobind@{nanobind}"),
-        Part("robin-map", f"as in nanobind {nanobind}", "MIT", "pkg:github/Tessil/robin-map"),
+        Part("robin-map", robin, "MIT", f"pkg:github/Tessil/robin-map@v{robin}"),
         Part("liblcm", lcm, "LGPL-2.1-or-later", f"pkg:github/lcm-proj/lcm@v{lcm}"),
+        Part("glib", glib, "LGPL-2.1-or-later", f"pkg:generic/glib@{glib}?download_url={GLIB_SOURCE}"),
     ]
 
 
@@ -93,14 +112,15 @@ def _texts() -> Iterator[tuple[str, str]]:
     for file in nanobind.files or []:
         if file.name == "LICENSE":
             yield "nanobind", file.locate().read_text()  # type: ignore[attr-defined]
-    robin = Path(str(nanobind.locate_file("nanobind/ext/robin_map/include/tsl/robin_map.h"))).read_text()
+    robin = Path(str(nanobind.locate_file(f"{ROBIN}/robin_map.h"))).read_text()
     comment = robin.split("*/", 1)[0].removeprefix("/**")
     yield "robin-map", "\n".join(line.removeprefix(" *").removeprefix(" ") for line in comment.strip().splitlines())
 
 
 def text(dependencies: Path) -> str:
     """NOTICE. dependencies: a folder that pip filled with those of a base installation."""
-    parts = [HEAD.format(source=LCM_SOURCE), "\n".join(COMPILED), "", BUNDLED]
+    compiled = "\n".join(COMPILED).format(nanobind=metadata.version("nanobind"), robin=_robin_version())
+    parts = [HEAD.format(source=LCM_SOURCE, glib=GLIB_SOURCE), compiled, "", BUNDLED]
     parts += [f"  {p.name} {p.version}: {p.licence}" for p in python_packages(dependencies)]
     for name, licence in _texts():
         parts += ["", f"{name}", "-" * len(name), licence.strip()]

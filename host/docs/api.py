@@ -36,7 +36,11 @@ def _header(found: headers.Header, language: str) -> Iterator[str]:
 def c_page(core: Path) -> str:
     """The core's headers."""
     known = sorted(core.glob("*.h"), key=lambda p: (FIRST.index(p.stem) if p.stem in FIRST else len(FIRST), p.stem))
-    lines = ["# C", "Headers of `firmware/core`. No heap, no system calls; link `build/lib/libinertiad_core.a`.", ""]
+    lines = [
+        "# C",
+        "Headers of `firmware/core`, without heap and system calls. Link an installation's library: `pkg-config inertiad`.",
+        "",
+    ]
     for path in known:
         lines += _header(headers.read(path), "c")
     return "\n".join(lines)

@@ -82,12 +82,10 @@ def build(output: Path) -> None:
     _made_pages(pages)
     _sources(pages)
     _pictures(pages, runs)
-    settings = (HERE / "mkdocs.yml").read_text(encoding="utf-8")
-    settings = settings.replace("../../build/docs-pages", str(pages)).replace("../../build/docs", str(output))
-    (work / "mkdocs.yml").write_text(settings, encoding="utf-8")
+    shutil.copy(HERE / "mkdocs.yml", work)
     shutil.rmtree(output, ignore_errors=True)
     print("  render", flush=True)
-    command = [sys.executable, "-m", "mkdocs", "build", "-q", "-f", work / "mkdocs.yml"]
+    command = [sys.executable, "-m", "mkdocs", "build", "-q", "-f", work / "mkdocs.yml", "-d", output]
     subprocess.run(command, check=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"})
     shutil.rmtree(work)
 

@@ -36,6 +36,19 @@ def commands(block: str) -> list[str]:
     return found
 
 
+def _own_network() -> list[str]:
+    """Before a command: a network of its own. SessionError: this machine allows none."""
+    refused = ""
+    for command in (["unshare", "--net"], ["unshare", "--map-root-user", "--net"]):
+        done = subprocess.run([*command, "true"], capture_output=True, text=True)
+        if done.returncode == 0:
+            return command
+        refused = done.stderr.strip()
+    raise SessionError(
+        f"commands of the pages run in a network of their own: {refused}; run as root, or allow user namespaces"
+    )
+
+
 def _prepare(folder: Path, top: Path) -> dict[str, str]:
     """What a reader finds in the repository's folder, as links; the environment of the shell."""
     folder.mkdir(parents=True)
@@ -48,8 +61,9 @@ def _prepare(folder: Path, top: Path) -> dict[str, str]:
 def outputs(folder: Path, top: Path, typed: list[str], title: str) -> list[str]:
     """What each command prints, stdout and stderr together. SessionError: one failed."""
     mark = f"-- end of a command {os.getpid()} --"
+    own_network = _own_network()
     script = "".join(f'{{ {one}\n}} 2>&1\necho "{mark}$?"\n' for one in typed)
-    isolated = ["unshare", "--map-root-user", "--net", "sh", "-c", NETWORK, "sh", "bash", "-c", script]
+    isolated = [*own_network, "sh", "-c", NETWORK, "sh", "bash", "-c", script]
     environment = _prepare(folder, top)
     done = subprocess.run(isolated, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     parts = re.split(rf"^{mark}(\d+)\n", done.stdout, flags=re.MULTILINE)

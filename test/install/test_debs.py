@@ -75,5 +75,6 @@ def test_bill_of_materials_names_every_bundled_package(root):
     named = {part["name"].lower().replace("_", "-") for part in document["components"]}
     bundled = {p.name.split("-")[0].lower().replace("_", "-") for p in (root / "usr/lib/inertiad").glob("*.dist-info")}
     assert bundled - {"inertiad"} <= named
-    assert {"eigen", "nanobind", "liblcm"} <= named
+    assert {"eigen", "nanobind", "robin-map", "liblcm", "glib"} <= named
+    assert [part["name"] for part in document["components"] if not part["version"][:1].isdigit()] == []
     assert (DIST / "NOTICE").stat().st_size > 2000
