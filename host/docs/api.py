@@ -38,7 +38,7 @@ def c_page(core: Path) -> str:
     known = sorted(core.glob("*.h"), key=lambda p: (FIRST.index(p.stem) if p.stem in FIRST else len(FIRST), p.stem))
     lines = [
         "# C",
-        "Headers of `firmware/core`, without heap and system calls. Link an installation's library: `pkg-config inertiad`.",
+        "Headers of `firmware/core`: no heap, no system calls. To link an installation: `pkg-config inertiad`.",
         "",
     ]
     for path in known:

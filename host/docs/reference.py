@@ -162,7 +162,7 @@ class _Comments:
         return f"{said}: {self.constants[index[1]]}" if index else said
 
     def of_value(self, kind: str, value: str) -> str:
-        """Comment of what an expression reads: a member of the object or of a function's result, else the function's."""
+        """Comment of what an expression reads: a member of the object or of a function's result, or the function."""
         if called := re.search(r"(ipe_\w+)\(.*\)(?:\.(\w+))?", value):
             result, said = self.functions[called[1]]
             return self.of(result, called[2]) if called[2] else said
