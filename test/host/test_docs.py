@@ -149,6 +149,13 @@ def test_counters_mean_what_their_declarations_say():
     assert found["record.dropped"] == "messages lost since open, for any reason"
 
 
+def test_make_help_lists_every_target_that_has_a_description():
+    files = (TOP / "Makefile", TOP / "tools/install.mk", TOP / "firmware/ports/m7.mk")
+    described = [t for file in files for t in re.findall(r"^## .*\n([\w-]+):", file.read_text(), re.MULTILINE)]
+    listed = subprocess.run(["make", "help"], cwd=TOP, capture_output=True, text=True, check=True).stdout
+    assert "m7" in described and re.findall(r"^  make (\S+)", listed, re.MULTILINE) == described
+
+
 def test_every_message_type_is_there():
     page = reference.messages(TOP / "lcm_types")
     assert [file.stem for file in (TOP / "lcm_types").glob("*.lcm") if f"### {file.stem}\n" not in page] == []
