@@ -29,8 +29,8 @@ liblcm (LGPL-2.1-or-later, {source})
   Python package lcm), in PREFIX/lib/inertiad/lib (make install). LD_LIBRARY_PATH serves, too. Inline functions of
   lcm_coretypes.h are compiled into the programs; their source and this project's are public, and `make` links them
   again. The Python package lcm, in inertiad-tools and below PREFIX/lib/inertiad, has liblcm in lcm/_lcm.so; its source
-  is that of the same version at the address above. liblcm loads GLib (LGPL-2.1-or-later, {glib}), the
-  system's libglib-2.0.so.0, which is not shipped.
+  is that of the same version at the address above. liblcm loads the system's libglib-2.0.so.0, which is not shipped:
+  GLib, LGPL-2.1-or-later, {glib}.
 """
 ROBIN = "nanobind/ext/robin_map/include/tsl"
 UNSTATED = {"lcm": "LGPL-2.1-or-later"}
