@@ -6,6 +6,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#define BITRATE_MIN 1.0  // bit/s, chosen so that a frame's time on the wire, in ns, fits an int64_t
+#define BITRATE_MAX 1e8  // bit/s, chosen over CAN XL's fastest, 20 Mbit/s
+#define BITRATE_UNIT "bit/s, or 0: unknown"
+
 typedef struct {
     char* message;
     size_t size;
@@ -36,6 +40,15 @@ static void check_all(check_t* c, const char* field, const double* value, int n,
                       const char* unit)
 {
     for (int i = 0; i < n; ++i) { check_range(c, field, i, value[i], low, high, unit); }
+}
+
+/// 0 stands for none of its kind.
+static void check_all_or_0(check_t* c, const char* field, const double* value, int n, double low, double high,
+                           const char* unit)
+{
+    for (int i = 0; i < n; ++i) {
+        if (value[i] != 0.0) { check_range(c, field, i, value[i], low, high, unit); }
+    }
 }
 
 static void check_unit(check_t* c, const char* field, int index, const double* v, int n)
@@ -173,8 +186,8 @@ ipe_status_t ipe_config_check(const ipe_config_t* config, char* message, size_t 
     check_range(c, "n_signals", -1, k->n_signals, 1, IPE_SIGNALS_MAX, "");
     for (int i = 0; c->good && i < k->n_signals; ++i) { check_signal(c, &k->signal[i], i); }
     if (c->good) { check_bindings(c, k); }
-    check_all(c, "bus_bitrate", k->bus_bitrate, IPE_BUSES_MAX, 0.0, 1e8, "bit/s");
-    check_all(c, "bus_data_bitrate", k->bus_data_bitrate, IPE_BUSES_MAX, 0.0, 1e8, "bit/s");
+    check_all_or_0(c, "bus_bitrate", k->bus_bitrate, IPE_BUSES_MAX, BITRATE_MIN, BITRATE_MAX, BITRATE_UNIT);
+    check_all_or_0(c, "bus_data_bitrate", k->bus_data_bitrate, IPE_BUSES_MAX, BITRATE_MIN, BITRATE_MAX, BITRATE_UNIT);
     check_range(c, "max_wait", -1, k->max_wait, 0.0, IPE_MAX_WAIT, "s");
     check_all(c, "max_age", k->max_age, IPE_SENSOR_COUNT, 1e-6, 10.0, "s");
     check_range(c, "max_wait * sample_rate", -1, k->max_wait * k->sample_rate, 0.0, IPE_WAIT_MAX,

@@ -80,8 +80,7 @@ bool ipe_atomic_file_check(const char* path, char* message, size_t size)
     return true;
 }
 
-/// Make the new name in the directory of path last through a power cut; where that is not possible nothing is lost but that.
-static void sync_directory(const char* path)
+void ipe_atomic_file_sync_name(const char* path)
 {
     char name[PATH_MAX];
     (void)snprintf(name, sizeof name, "%s", path);
@@ -124,7 +123,7 @@ static int write_atomically(const char* path, const void* bytes, size_t n, char*
     (void)close(fd);
     if (good && rename(name, path) != 0) { return fail(path, "cannot replace", message, size); }
     if (!good) { (void)unlink(name); }
-    sync_directory(path);
+    ipe_atomic_file_sync_name(path);
     return good ? 0 : -1;
 }
 

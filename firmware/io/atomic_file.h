@@ -15,4 +15,8 @@ bool ipe_atomic_file_check(const char* path, char* message, size_t size);
 /// Replace the content of path by n bytes. 0, or -1 with the reason in message; then the file is as it was.
 int ipe_atomic_file_write(const char* path, const void* bytes, size_t n, char* message, size_t size);
 
+/// Make the newest name of path in its directory last through a power cut. Where that is not possible nothing is lost but
+/// the name.
+void ipe_atomic_file_sync_name(const char* path);
+
 #endif

@@ -2,6 +2,7 @@
 #define _GNU_SOURCE  // sem_clockwait
 #include "record.h"
 
+#include "atomic_file.h"
 #include "crc.h"
 #include "lock.h"
 
@@ -242,13 +243,16 @@ static bool move_aside(ipe_record_t* r)
     return false;
 }
 
-/// Emptied only once it is locked. -1 with errno set. Never waits for the other end of a pipe, nor do writes to it.
+/// Emptied only once it is locked, its name synced. -1 with errno set. Never waits for the other end of a pipe, nor do writes to it.
 static int open_file(const char* path)
 {
     struct stat info;
     const int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0644);
     if (fd < 0 || fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) { return fd; }
-    if (ipe_lock_descriptor(fd) == 0 && ftruncate(fd, 0) == 0) { return fd; }
+    if (ipe_lock_descriptor(fd) == 0 && ftruncate(fd, 0) == 0) {
+        ipe_atomic_file_sync_name(path);
+        return fd;
+    }
     const int cause = errno;
     (void)close(fd);
     errno = cause;

@@ -8,8 +8,8 @@
 /// Every 256 KB and half second, and at the end, a message on IPE_RECORD_CHECK_CHANNEL follows: its own number u64 and time
 /// u64, the place u64 in the file of the first byte that it covers, and the CRC-32 u32 (IEEE 802.3) of the bytes from there
 /// to itself. `inertiactl` finds damage by it; for other tools it is one more channel.
-/// Written messages are on the disk half a second later (fdatasync), and a failed write is cut back to the last whole
-/// message, so after a power cut or on a full disk only the end is missing.
+/// Written messages are on the disk half a second later (fdatasync), the file's name before them, and a failed write is cut
+/// back to the last whole message, so after a power cut or on a full disk only the end is missing.
 /// A file that is there already is not overwritten but moved to PATH.1, PATH.2, ...; so is one that is full (rotation).
 /// The file is locked (flock): a second recorder is refused. A pipe that nobody reads is given up 2 s after close.
 /// 8.4 MB, caller-allocated, no heap after open. One thread calls; it waits for the disk only with options.waits.
