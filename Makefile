@@ -27,6 +27,7 @@ PROGRAMS := $(B)/bin/inertiad $(B)/bin/inertiactl
 EXAMPLES := $(patsubst host/eigen/examples/%.cpp,$(B)/bin/examples/%,$(wildcard host/eigen/examples/*.cpp))
 BINDING := $(patsubst host/eigen/python/%.cpp,$(B)/python/%.so,$(wildcard host/eigen/python/*.cpp))
 UNIT := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/unit/test_*.c test/laws/test_*.c))
+FUZZ := $(patsubst test/%.c,$(B)/test/%,$(wildcard test/fuzz/fuzz_*.c))
 BENCH := $(addprefix $(B)/,$(basename $(wildcard test/bench/*.c test/bench/*.cpp)))
 ACCEPT := $(addprefix $(B)/,$(basename $(wildcard test/accept/*.c test/accept/*.cpp)))
 
@@ -59,7 +60,7 @@ setup: .venv/run.stamp .venv/test.stamp $(UNITY_DIR)/unity.c
 	$(Q)tools/setup $*
 	@touch $@
 .venv/test.stamp .venv/lint.stamp .venv/accept.stamp .venv/docs.stamp .venv/dist.stamp .venv/m7.stamp \
-    .venv/coverage.stamp: .venv/run.stamp
+    .venv/coverage.stamp .venv/fuzz.stamp: .venv/run.stamp
 
 build/unity/unity.c:
 	$(call say,fetch Unity)tools/unity $(@D)
@@ -161,7 +162,7 @@ test-host: .venv/test.stamp .venv/docs.stamp build accept-programs
 test-vcan: .venv/test.stamp vcan-runs
 	@$(PY) tools/test vcan
 
-## Run unit tests and laws again under the address and undefined-behaviour sanitizers
+## Run unit tests, laws and the fuzzers' corpora under the address and undefined-behaviour sanitizers
 test-asan: asan-programs
 	@$(PY) tools/test asan
 
@@ -174,23 +175,34 @@ coverage: .venv/coverage.stamp $(UNITY_DIR)/unity.c | $(GEN)
 	    --html-details build/coverage/index.html --sort uncovered-percent build/coverage
 
 unit-programs: $(UNIT)
+fuzz-programs: $(FUZZ)
+SANITIZERS := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
 asan-programs: $(UNITY_DIR)/unity.c | $(GEN)
-	@$(MAKE) --no-print-directory B=build/asan OPT='-O1 -g' \
-	    SANITIZE='-fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer' unit-programs
+	@$(MAKE) --no-print-directory B=build/asan OPT='-O1 -g' SANITIZE='$(SANITIZERS)' unit-programs fuzz-programs
+
+SECONDS ?= 120
+FUZZERS := $(patsubst test/fuzz/fuzz_%.c,%,$(wildcard test/fuzz/fuzz_*.c))
+## Feed the readers and the pipeline what libFuzzer makes up (T=candump, SECONDS=600); what it finds is left in build/fuzz/
+fuzz: .venv/fuzz.stamp $(UNITY_DIR)/unity.c | $(GEN)
+	@$(MAKE) --no-print-directory B=build/fuzz CC=clang OPT='-O2 -g' SANITIZE='$(SANITIZERS) -fsanitize=fuzzer-no-link' \
+	    LIBFUZZER=-fsanitize=fuzzer fuzz-programs
+	$(Q)tools/fuzz $(SECONDS) $(or $(T),$(FUZZERS))
 
 vcan-runs: build
 	$(Q)$(PY) test/vcan/prepare.py
 
-TEST_CFLAGS := -Wno-missing-prototypes -DUNITY_INCLUDE_DOUBLE -isystem $(UNITY_DIR) -Itest/unit
+TEST_CFLAGS := -Wno-missing-prototypes -DUNITY_INCLUDE_DOUBLE -isystem $(UNITY_DIR) -Itest/unit -Itest/fuzz
 $(B)/obj/test/%.o: CFLAGS += $(TEST_CFLAGS)
 $(UNIT:$(B)/test/%=$(B)/obj/test/%.o): | $(UNITY_DIR)/unity.c
 $(B)/obj/unity.o: $(UNITY_DIR)/unity.c
 	@mkdir -p $(@D)
 	$(Q)$(CC) $(CFLAGS) $(TEST_CFLAGS) -w -c $< -o $@
-$(UNIT): $(B)/obj/unity.o
+$(UNIT) $(FUZZ): $(B)/obj/unity.o
+$(FUZZ:$(B)/test/%=$(B)/obj/test/%.o): | $(UNITY_DIR)/unity.c
+$(FUZZ): $(if $(LIBFUZZER),,$(B)/obj/test/fuzz/replay.o)
 $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
-	$(call say,ld  $@)$(CC) $(SANITIZE) $(filter %.o,$^) $(LIBS) -o $@
+	$(call say,ld  $@)$(CC) $(SANITIZE) $(LIBFUZZER) $(filter %.o,$^) $(LIBS) -o $@
 
 $(BENCH) $(ACCEPT): $(B)/test/%: $(B)/obj/test/%.o $(B)/lib/libinertiad_io.a $(B)/lib/libinertiad_core.a
 	@mkdir -p $(@D)
@@ -261,13 +273,18 @@ format-check: .venv/lint.stamp
 	$(Q).venv/bin/clang-format --dry-run --Werror $(C_FILES)
 	$(Q).venv/bin/ruff format -q --check --config host/inertiad/pyproject.toml $(PY_FILES)
 
-## Look for mistakes without running: compiler warnings, clang-tidy, ruff, mypy, shellcheck
+# GCC 12's analyzer follows no loop that fills an array, so that each array of the core is uninitialised to it; the other
+# compilers' warnings and the sanitizers look for those.
+ANALYZER := -fanalyzer -Wno-analyzer-use-of-uninitialized-value
+
+## Look for mistakes without running: compiler warnings, GCC's analyzer, clang-tidy, ruff, mypy, shellcheck
 lint: .venv/lint.stamp .venv/test.stamp build
 	@$(MAKE) --no-print-directory B=build/strict WERROR=-Werror build unit-programs
+	@$(MAKE) --no-print-directory B=build/analyzer OPT='-O2 $(ANALYZER)' WERROR=-Werror build/analyzer/bin/inertiad
 	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 -DINERTIAD_VERSION='"$(VERSION)"' $(INCLUDE)
 	$(Q).venv/bin/ruff check -q --config host/inertiad/pyproject.toml $(PY_FILES)
 	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
-	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/inertiactl tools/mistakes .ci/run
+	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/fuzz tools/inertiactl tools/mistakes .ci/run
 
 ## Run what a change must pass: format-check, lint, test
 check: format-check lint test
@@ -284,5 +301,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage fuzz fuzz-programs
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

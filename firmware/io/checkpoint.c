@@ -11,6 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
+enum { COUNT_MAX = 1 << 30 };  // chosen so that no count of windows reaches it, nor leaves an int after it
 enum { VERSION = 7, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
 static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
@@ -40,6 +41,48 @@ static void give_state(const ipe_checkpoint_state_t* s, ipe_pipeline_t* p)
     p->window.max_gap = s->max_gap;
 }
 
+/// What is read as a bool must be one.
+static bool are_bools(const bool* values, size_t n)
+{
+    uint8_t byte;
+    for (size_t i = 0; i < n; ++i) {
+        memcpy(&byte, values + i, sizeof byte);
+        if (byte > 1) { return false; }
+    }
+    return true;
+}
+
+static bool are_counts(const int* values, size_t n)
+{
+    for (size_t i = 0; i < n; ++i) {
+        if (values[i] < 0 || values[i] > COUNT_MAX) { return false; }
+    }
+    return true;
+}
+
+static bool are_times(const int64_t* values, size_t n)
+{
+    for (size_t i = 0; i < n; ++i) {
+        if (values[i] < 0 || values[i] > IPE_TIME_MAX_NS) { return false; }
+    }
+    return true;
+}
+
+/// Counts, times and flags are such as the estimator makes.
+static bool has_plausible_counts(const ipe_estimator_t* e)
+{
+    const ipe_change_detector_t* d = &e->change_detector;
+    const int counts[] = {d->n_level,        d->n_contest,      d->n_restless,        d->n_calm,   d->n_steps,
+                          d->n_since_change, d->step.n_windows, e->pose_dwell.n_slow, e->n_delays, d->last.n_windows};
+    const int64_t times[] = {e->filter_states.t_ns, e->filter_states.drifted_ns, e->estimate.t_ns};
+    return are_counts(counts, sizeof counts / sizeof counts[0]) &&
+           are_counts(e->misfit_score.n_blocks, IPE_MISFIT_SCALES) &&
+           are_times(times, sizeof times / sizeof times[0]) && are_times(e->misfit_score.begin_ns, IPE_MISFIT_SCALES) &&
+           are_times(e->restored_ns, IPE_CABLES_MAX) && are_bools(&e->filter_states.has_patterns, 1) &&
+           are_bools(e->estimate.observable, IPE_NP) && are_bools(&e->estimate.consistent, 1) &&
+           are_bools(&e->estimate.is_misfit, 1);
+}
+
 static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* p)
 {
     const ipe_estimator_t *e = &s->estimator, *like = &p->estimator;
@@ -49,7 +92,7 @@ static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* 
                 isfinite(e->change_detector.cusum) && isfinite(e->change_detector.level);
     for (int i = 0; i < IPE_NY; ++i) { good = good && e->noise.L[i][i] > 0.0 && isfinite(e->noise.L[i][i]); }
     for (int i = 0; i < 3; ++i) { good = good && fabs(s->gyro_bias[i]) <= GYRO_BIAS_MAX; }
-    return good && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;
+    return good && has_plausible_counts(e) && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;
 }
 
 // ---- file -----------------------------------------------------------------------------------------------------------

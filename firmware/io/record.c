@@ -191,7 +191,7 @@ static bool append(ipe_record_t* r, struct iovec piece[2], int n_pieces, size_t 
 static void append_check(ipe_record_t* r)
 {
     uint8_t message[IPE_RECORD_HEADER + sizeof CHECK_CHANNEL + IPE_RECORD_CHECK];
-    const size_t n_channel = strlen(CHECK_CHANNEL);
+    const size_t n_channel = sizeof CHECK_CHANNEL - 1;
     uint8_t* at = message + IPE_RECORD_HEADER + n_channel;
     if (r->file_bytes == r->checked_bytes) { return; }
     ipe_record_put_header(message, r->last_number, r->last_us, n_channel, IPE_RECORD_CHECK);

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The power fails at any call that writes: estimate and checkpoint are whole, old or new; the record ends with a message.
+"""The power fails at any call that writes: estimate and checkpoint are whole, old or new; records end with a message.
 
 power_loss.c ends the daemon at its n-th call and says what a disk may hold then: with or without what was not synced,
 names and contents each for themselves.
@@ -116,7 +116,7 @@ def check_results(files: dict[str, bytes], old: dict[str, bytes]) -> None:
 
 
 def check_record(files: dict[str, bytes], old: dict[str, bytes], path: Path) -> int:
-    """The old record is there; messages of the new one are those that the daemon made up to where it ends: their number."""
+    """The old record is there; the messages of the new one are the first that the daemon made: their number."""
     new = [content for name, content in files.items() if name.startswith("r.lcmlog") and content != old["r.lcmlog"]]
     assert old["r.lcmlog"] in files.values(), "the old record is gone"
     assert len(new) <= 1

@@ -184,7 +184,8 @@ def judge(programs: Programs, run: Run) -> dict[str, Any]:
     log = folder / "run.lcmlog"
     code, said = programs.daemon(
         "--config", folder / "robot.cfg", "--bus", f"file:{recorded / 'can.log'}?speed=0",
-        "--tracker", f"file:{recorded / 'tracker.csv'}", "--estimate", folder / "platform.json", "--record", log, "--lcm", "none",
+        "--tracker", f"file:{recorded / 'tracker.csv'}", "--estimate", folder / "platform.json",
+        "--record", log, "--lcm", "none",
     )  # fmt: skip
     result["platform"] = _judged(folder / "platform.json", code, said, run.truth)
     result["platform"]["change_times"] = change_times(log)

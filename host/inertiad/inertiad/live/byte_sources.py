@@ -54,7 +54,7 @@ class Udp:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(_is_multicast(host)))
         self._socket.bind((host, port))
         if _is_multicast(host):
-            member = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")
+            member = socket.inet_aton(host) + socket.inet_aton("0.0.0.0")  # noqa: S104 of the route, no address to bind
             self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
         self._socket.settimeout(POLL)
         self._peer: Any = None

@@ -1,0 +1,236 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Write the inputs that fuzzing begins with into test/fuzz/corpus/. Names say what is in them.
+
+The other files there, found_*, were made up by libFuzzer: inputs that failed once, or that reach code of their own.
+"""
+
+import struct
+from pathlib import Path
+
+CORPUS = Path(__file__).resolve().parent / "corpus"
+
+CANDUMP = {
+    "classical": "(1436509052.249713) can0 123#0011223344556677\n(1436509052.25) vcan1 12345678#00\n",
+    "fd": "(1.5) can0 123##1" + "AB" * 64 + "\n(1.6) can0 00000010##0\n",
+    "remote": "(1.0) can0 123#R\n(1.1) can0 123#R5\n(1.2) can0 123#R9\n",
+    "raw_length": "(1.0) can0 7FF#0011223344556677_9\n(1.0) can0 7FF#0011223344556677_F\n",
+    "error_frame": "(1.0) can0 20000004#0004000000000000\n",
+    "drops": "DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 17)\n(1.0) can0 123#00\n",
+    "comments": "# a comment\n; another\n\n(1.0) can0 123#00 R\n(1.0) can0 123#00 T\r\n",
+    "bad_lines": "(x) can0 123#00\n(1.0)\n(1.0) can0 8FF#00\n(1.0) can0 123#0\n(1.0) can0 123#00 X\n(1.0) "
+    + "n" * 20
+    + " 1#\n",
+    "stray_stamp": "(1.0) can0 123#00\n(900.0) can0 123#01\n(1.1) can0 123#02\n",
+    "stamps_at_limits": "(8999999999.999999999) can0 123#00\n(9000000000.0) can0 123#00\n(0.000000001) can0 123#00\n",
+    "long_line": "(1.0) can0 123##1" + "0" * 4100 + "\n(1.0) can0 123#00\n",
+    "unended": "(1.0) can0 123#0011",
+    "lock_step": "position 1000123000 0.1 -0.2 2e0\nanswer\n(1.0) can7 123#00\nposition 1\nposition x\n",
+    "empty": "",
+}
+
+TRACKER_FILE = {
+    "plain": "t,x,y,z\n0.0,1,2,3\n0.01,1.1,2.1,3.1\n",
+    "rows_only": "0.0,1,2,3\n0.01,1.1,2.1,3.1\n",
+    "other_columns": '\ufeffz,status,"t", y ,x\r\n3,ok,0.5,2,1\r\n-3e0,,1.25, -2.5 ,1\r\n',
+    "stamps": "1436509052.249713001,0,0,0\n1436509052.,0,0,0\n1.5e3,0,0,0\n-1,0,0,0\n",
+    "stamps_at_limits": "8999999999.9,0,0,0\n9000000000,0,0,0\n0,0,0,0\n",
+    "bad_cells": "1,2,3\n1,2,three,4\n,1,2,3\nnan,1,2,3\n1e300,1,2,3\n1,inf,-nan,0x1p3\n",
+    "stray_time": "1,1,0,0\n900,2,0,0\n1.1,3,0,0\n",
+    "column_twice": "t,x,y,z,x\n1,2,3,4,5\n",
+    "column_missing": "t,x,z\n1,2,3\n",
+    "long_cell": "1," + "9" * 400 + ",0,0\n" + "1" * 60 + ".5,0,0,0\n",
+    "many_cells": "," * 300 + "\n1,2,3,4" + ",5" * 300 + "\n",
+    "unended": "8,1,2",
+    "empty": "",
+}
+
+URL = {
+    "file": "\0file:can.log?speed=1&interface=can0",
+    "socketcan": "\0socketcan:can0?filter=off",
+    "five_options": "\0file:x?a=1&b=2&a=3&b=4&a=5",
+    "unknown_option": "\0file:x?c=1",
+    "no_value": "\0file:x?a",
+    "no_path": "\0file:?a=1",
+    "no_scheme": "\0can.log",
+    "group": "\1udpm://239.255.76.67:7667?ttl=0",
+    "default_group": "\1udpm://",
+    "bad_port": "\1udpm://239.255.76.67:99999999999999999999",
+    "bad_address": "\1udpm://999.255.76.67:7667",
+    "long_address": "\1udpm://" + "1" * 40,
+}
+
+
+def f64(*values: float) -> bytes:
+    return struct.pack(f"<{len(values)}d", *values)
+
+
+def patches(*pairs: tuple[int, bytes]) -> bytes:
+    """What patch() of fuzz.h reads."""
+    return b"".join(struct.pack("<H", at) + value[:8].ljust(8, b"\0") for at, value in pairs)
+
+
+def big(value: float) -> bytes:
+    return struct.pack(">d", value)
+
+
+# The hash takes 8 bytes, the name 64, gravity 8, n_cables 4; a cable has 92.
+NAME, GRAVITY, N_CABLES, CABLE = 8, 72, 80, 84
+CONFIG = {
+    "unchanged": b"",
+    "gravity_zero": patches((GRAVITY, big(0.0))),
+    "gravity_nan": patches((GRAVITY, big(float("nan")))),
+    "gravity_huge": patches((GRAVITY, big(1e300))),
+    "no_cable": patches((N_CABLES, struct.pack(">iI", 0, 0xC01CC955))),
+    "too_many_cables": patches((N_CABLES, struct.pack(">iI", 17, 0xC01CC955))),
+    "negative_cables": patches((N_CABLES, struct.pack(">iI", -1, 0xC01CC955))),
+    "anchor_moved": patches((CABLE, big(3.0)), (CABLE + 92, big(-3.0))),
+    "anchor_at_attachment": patches((CABLE, big(0.5032)), (CABLE + 8, big(-0.4928)), (CABLE + 16, big(0.0))),
+    "pulley_huge": patches((CABLE + 48, big(1e9))),
+    "axis_not_unit": patches((CABLE + 56, big(1.0))),
+    "name_without_end": patches(*[(NAME + 8 * i, b"xxxxxxxx") for i in range(8)]),
+    "name_of_controls": patches((NAME, b"\x1b[31m\x00\xff\xfe\x9b")),
+    "raw_short": b"\xff" + bytes(11),
+    "raw_hash_only": b"\xff" + bytes(12),
+    "raw_zeros": b"\xff" + bytes(400),
+}
+
+CHECKPOINT = {
+    "unchanged": b"\0",
+    "magic": b"\0" + patches((0, b"xxxxxxxx")),
+    "version": b"\0" + patches((8, struct.pack("<II", 99, 0))),
+    "fingerprint": b"\0" + patches((16, b"\xff" * 8)),
+    "wrong_bit": b"\1" + patches((4000, b"\1")),
+    **{f"ones_at_{at}": b"\0" + patches((at, b"\xff" * 8)) for at in range(24, 25000, 2500)},
+    "cut_at_0": b"\2\0\0",
+    "cut_at_magic": b"\2\5\0",
+    "cut_at_header": b"\2\x18\0",
+    "cut_in_the_middle": b"\2\0\x20",
+    "raw_magic": b"\3ipe-chk",
+}
+
+RAW, CHANNEL_TRACKER, CHANNEL_COMMAND, TRACKER, COMMAND, CONFIGURE = range(6)
+
+
+def datagram(kind: int, data: bytes) -> bytes:
+    return struct.pack("<BH", kind, len(data)) + data
+
+
+def tracker_message(t_ns: int, valid: int = 1, position: tuple[float, float, float] = (0.1, 0.2, 2.0)) -> bytes:
+    return struct.pack(">qqqb3db4dq", 1, t_ns, 0, valid, *position, 0, 1, 0, 0, 0, 0)
+
+
+def command_message(
+    kind: int, text: bytes = b"\0", config: bytes = b"", sequence: int = 1, t_ns: int = 200_000_000_000
+) -> bytes:
+    body = struct.pack(">qqqbI", sequence, t_ns, 7, kind, len(text)) + text
+    return body + struct.pack(">I", len(config)) + config
+
+
+INBOX = {
+    "position": datagram(TRACKER, tracker_message(10**9)),
+    "position_invalid": datagram(TRACKER, tracker_message(10**9, valid=0)),
+    "position_before_0": datagram(TRACKER, tracker_message(-1)),
+    "position_too_late": datagram(TRACKER, tracker_message(2**63 - 1)),
+    "position_nan": datagram(TRACKER, tracker_message(10**9, position=(float("nan"), float("inf"), -1e308))),
+    "position_cut": datagram(TRACKER, tracker_message(10**9)[:40]),
+    "position_other_version": datagram(CHANNEL_TRACKER, bytes(8) + tracker_message(10**9)),
+    "freeze": datagram(COMMAND, command_message(1)),
+    "all_kinds": b"".join(datagram(COMMAND, command_message(k, sequence=k)) for k in range(-1, 8)),
+    "repeated": 3 * datagram(COMMAND, command_message(3)),
+    "old_and_ahead": b"".join(datagram(COMMAND, command_message(3, t_ns=t)) for t in (0, -(2**63), 2**63 - 1)),
+    "mark": datagram(COMMAND, command_message(6, b"payload on\0")),
+    "text_without_end": datagram(COMMAND, command_message(6, b"payload on")),
+    "text_of_no_bytes": datagram(COMMAND, command_message(6, b"")),
+    "text_longer_than_message": datagram(COMMAND, struct.pack(">qqqbI", 1, 0, 7, 6, 2**32 - 1) + b"x\0"),
+    "config_longer_than_message": datagram(COMMAND, command_message(5)[:-4] + struct.pack(">I", 2**31)),
+    "config_of_zeros": datagram(COMMAND, command_message(5, config=bytes(64))),
+    "configure": datagram(CONFIGURE, b""),
+    "configure_patched": datagram(CONFIGURE, patches((GRAVITY, big(float("nan"))))),
+    "no_magic": datagram(RAW, b"LC03" + bytes(20)),
+    "fragment": datagram(RAW, b"LC03" + bytes(4) + struct.pack(">IIIHH", 1, 100000, 0, 0, 2) + b"INERTIAD_COMMAND\0"),
+    "channel_without_end": datagram(RAW, b"LC02\0\0\0\1INERTIAD_TRACKER"),
+    "other_channel": datagram(RAW, b"LC02\0\0\0\1INERTIAD_TRACKER2\0" + bytes(20)),
+    "empty_datagram": datagram(RAW, b""),
+}
+
+FRAME, POSITION, SAMPLES, PATCHED, JUMP, SHIFT, COMMANDED = range(7)
+COLD, WARM, NARROW, FUSED = range(4)
+
+
+def raw_frame(which: int, length: int, data: bytes, dt_us: int = 500) -> bytes:
+    return struct.pack("<BBBH", FRAME, which, length, dt_us) + data[: length % 65].ljust(length % 65, b"\0")
+
+
+def samples(n: int) -> bytes:
+    return bytes([SAMPLES, n // 4])
+
+
+def patched(n: int, which: int, value: float) -> bytes:
+    """n samples; which: 0 acceleration, 3 rate, 6 quaternion, 10 position, 13 forces."""
+    return bytes([PATCHED, n, which]) + f64(value)
+
+
+def jump(t_ns: int) -> bytes:
+    return bytes([JUMP]) + struct.pack("<q", t_ns)
+
+
+def shift(ms: float) -> bytes:
+    return bytes([SHIFT]) + struct.pack("<h", int(100 * ms))
+
+
+def command(kind: int) -> bytes:
+    return bytes([COMMANDED, kind])
+
+
+FRAMES = {
+    "warm_goes_on": bytes([WARM]) + samples(400),
+    "fused_goes_on": bytes([FUSED]) + samples(400),
+    "cold_start": bytes([COLD]) + samples(1000),
+    "narrow": bytes([NARROW])
+    + b"".join(raw_frame(3 + i % 4, 8, bytes([1 + i % 2, i, 0, 9, 1, 0, 3, i])) for i in range(40)),
+    "nan_acceleration": bytes([WARM]) + patched(5, 0, float("nan")) + samples(200),
+    "huge_force": bytes([WARM]) + patched(5, 13, 1e300) + samples(200),
+    "negative_force": bytes([FUSED]) + patched(15, 14, -500.0) + samples(200),
+    "spikes": bytes([FUSED]) + (patched(1, 15, 4000.0) + samples(40)) * 6,
+    "huge_position": bytes([FUSED]) + patched(3, 10, 1e200) + samples(200),
+    "quaternion_zero": bytes([WARM]) + patched(2, 6, 0.0) + patched(2, 7, 1e-200) + samples(100),
+    "held_force": bytes([FUSED]) + patched(15, 13, 1000.0) * 14 + samples(200),
+    "clock_back": bytes([WARM]) + samples(40) + shift(-300) + samples(100),
+    "clock_ahead": bytes([WARM]) + samples(40) + shift(300) + samples(100),
+    "gap": bytes([FUSED]) + samples(40) + shift(300) * 5 + samples(100),
+    "stamp_at_limits": bytes([WARM])
+    + jump(0)
+    + samples(20)
+    + jump(8_999_999_999 * 10**9)
+    + samples(20)
+    + jump(-1)
+    + samples(20),
+    "remote_and_error": bytes([WARM]) + raw_frame(0x40, 8, b"") + raw_frame(0x80, 8, b"\4") + raw_frame(0x83, 200, b""),
+    "wrong_lengths": bytes([WARM]) + b"".join(raw_frame(0, n, b"\xff" * 64) for n in (0, 1, 8, 48, 63, 64)),
+    "positions": bytes([FUSED])
+    + b"".join(bytes([POSITION, 0, 0]) + f64(x, 0.0, 2.0) for x in (0.0, 1e9, float("nan"))),
+    "commands": bytes([FUSED]) + b"".join(command(k) + samples(60) for k in range(6)),
+    "flush_and_on": bytes([WARM]) + command(5) + samples(60) + command(5) + samples(60),
+}
+
+ALL = {
+    "candump": CANDUMP,
+    "tracker_file": TRACKER_FILE,
+    "url": URL,
+    "config": CONFIG,
+    "checkpoint": CHECKPOINT,
+    "inbox": INBOX,
+    "frames": FRAMES,
+}
+
+
+def main() -> None:
+    for target, inputs in ALL.items():
+        (CORPUS / target).mkdir(parents=True, exist_ok=True)
+        for name, content in inputs.items():
+            (CORPUS / target / name).write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+if __name__ == "__main__":
+    main()
