@@ -242,6 +242,16 @@ second-target: .venv/accept.stamp $(GEN)
 build/aarch64/replay: $(addprefix build/aarch64/,obj/test/accept/replay.o lib/libinertiad_io.a lib/libinertiad_core.a)
 	$(call say,ld  $@)$(CC) -static -Wl,--gc-sections $^ -lm -o $@
 
+# Without the two that read with liblcm, which is built for this machine only.
+AARCH64_UNIT := $(filter-out build/aarch64/test/unit/test_publish build/aarch64/test/unit/test_record, \
+    $(patsubst test/%.c,build/aarch64/test/%,$(wildcard test/unit/test_*.c)))
+## Run the unit tests, and logs beside this machine's bits, for aarch64 under qemu-user
+aarch64: .venv/test.stamp .venv/accept.stamp build accept-programs second-target $(UNITY_DIR)/unity.c
+	@$(MAKE) --no-print-directory B=build/aarch64 CC=aarch64-linux-gnu-gcc AR=aarch64-linux-gnu-ar \
+	    OPT='-O2 -ffunction-sections' LIBS='$(addprefix build/aarch64/lib/libinertiad_,io.a core.a) -static -Wl,--gc-sections \
+	    -pthread -lm' $(AARCH64_UNIT)
+	$(Q)$(PY) tools/test aarch64
+
 ## Measure the error of `inertiactl sync` against known delays, on unseen seeds (about 20 min)
 accept-sync: .venv/test.stamp build
 	$(Q)$(PY) test/accept/sync.py
@@ -301,5 +311,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage fuzz fuzz-programs
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage fuzz fuzz-programs aarch64
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

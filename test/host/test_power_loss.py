@@ -20,6 +20,8 @@ from conftest import COGIRO, TOP
 from inertiad.robot import configuration, description
 from inertiad.run import lcmlog
 
+pytestmark = pytest.mark.slow
+
 STATUS = 77
 KINDS = list(itertools.product(("synced", "kept"), ("synced", "last")))
 """names and contents: those that were synced, or the last ones"""
@@ -159,7 +161,6 @@ def test_everything_is_on_the_disk_when_the_daemon_has_ended(shim, run, old, tmp
             assert check_record(files, old, tmp_path / "record") > 1000
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("outputs", "each"), [(RESULTS, 1), (RECORD, 3)])
 def test_power_fails_at_any_call(shim, run, old, tmp_path, outputs, each):
     """each: of so many calls one is tried. Before every other of these, and in the middle of the rest."""
