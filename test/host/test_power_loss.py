@@ -55,13 +55,17 @@ class Disk:
 
 RESULTS = ("--estimate", "--checkpoint")
 RECORD = ("--record",)
-FILES = {"--estimate": "e.json", "--checkpoint": "state", "--record": "r.lcmlog"}
+ROTATED = ("--record?rotate_s=3",)
+FILES = {"--estimate": "e.json", "--checkpoint": "state", "--record": "r.lcmlog", ROTATED[0]: "r.lcmlog"}
 
 
 def daemon(run: Path, folder: Path, log: str, outputs: tuple[str, ...]) -> list[str]:
     inputs = ["--config", run / "robot.cfg", "--bus", f"file:{run}/{log}", "--tracker", f"file:{run}/tracker.csv"]
-    written = [part for option in outputs for part in (option, folder / FILES[option])]
-    return [str(a) for a in (TOP / "build/bin/inertiad", *inputs, *written, "--lcm", "none")]
+    command = [TOP / "build/bin/inertiad", *inputs, "--lcm", "none"]
+    for output in outputs:
+        option, mark, query = output.partition("?")
+        command += [option, f"{folder / FILES[output]}{mark}{query}"]
+    return [str(a) for a in command]
 
 
 @pytest.fixture(scope="module")
@@ -118,16 +122,19 @@ def check_results(files: dict[str, bytes], old: dict[str, bytes]) -> None:
 
 
 def check_record(files: dict[str, bytes], old: dict[str, bytes], path: Path) -> int:
-    """The old record is there; the messages of the new one are the first that the daemon made: their number."""
-    new = [content for name, content in files.items() if name.startswith("r.lcmlog") and content != old["r.lcmlog"]]
+    """The old record is there; the messages of the new ones are the first that the daemon made: their number."""
     assert old["r.lcmlog"] in files.values(), "the old record is gone"
-    assert len(new) <= 1
-    remarks: list[str] = []
-    path.write_bytes(new[0] if new else b"")
-    events = list(lcmlog.read(path, remarks))
-    assert not any("damaged" in remark for remark in remarks), remarks
-    assert [e.channel for e in events[:1]] in ([], ["INERTIAD_CONFIG"])
-    numbers = [e.number for e in events[1:]]
+    moved = sorted((name for name in files if name.startswith("r.lcmlog.")), key=lambda name: int(name.split(".")[-1]))
+    numbers: list[int] = []
+    for name in [*moved, "r.lcmlog"]:
+        if files.get(name, old["r.lcmlog"]) == old["r.lcmlog"]:
+            continue
+        remarks: list[str] = []
+        path.write_bytes(files[name])
+        events = list(lcmlog.read(path, remarks))
+        assert not any("damaged" in remark for remark in remarks), remarks
+        assert [e.channel for e in events[:1]] in ([], ["INERTIAD_CONFIG"])
+        numbers += [e.number for e in events[1:]]
     assert numbers == list(range(1, len(numbers) + 1))
     return len(numbers)
 
@@ -149,7 +156,7 @@ def restart(run: Path, to: Path, outputs: tuple[str, ...], files: dict[str, byte
     assert all((to / FILES[option]).stat().st_size > 0 for option in outputs)
 
 
-@pytest.mark.parametrize("outputs", [RESULTS, RECORD])
+@pytest.mark.parametrize("outputs", [RESULTS, RECORD, ROTATED])
 def test_everything_is_on_the_disk_when_the_daemon_has_ended(shim, run, old, tmp_path, outputs):
     disk = lose_power(shim, run, tmp_path, outputs, 0)
     for names, content in KINDS:
@@ -157,11 +164,11 @@ def test_everything_is_on_the_disk_when_the_daemon_has_ended(shim, run, old, tmp
         for option in outputs:
             name = FILES[option]
             assert files[name] == (disk.folder / name).read_bytes() != old[name], (names, content, name)
-        if outputs == RECORD:
+        if outputs != RESULTS:
             assert check_record(files, old, tmp_path / "record") > 1000
 
 
-@pytest.mark.parametrize(("outputs", "each"), [(RESULTS, 1), (RECORD, 3)])
+@pytest.mark.parametrize(("outputs", "each"), [(RESULTS, 1), (RECORD, 5), (ROTATED, 9)])
 def test_power_fails_at_any_call(shim, run, old, tmp_path, outputs, each):
     """each: of so many calls one is tried. Before every other of these, and in the middle of the rest."""
     n_old = n_new = n_restarts = 0
