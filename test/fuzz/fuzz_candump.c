@@ -31,8 +31,8 @@ static void read_line(const char* line, size_t n)
 static void read_file(const char* path, const char* interface)
 {
     ipe_source_status_t status;
-    source = (ipe_source_file_t){.limit.n = UINT32_MAX / 2};  // silent
     REQUIRE(ipe_source_file_open(&source, path, 0, interface) == 0);
+    source.limit.n = UINT32_MAX / 2;  // silent
     while ((status = ipe_source_file_peek(&source)) != IPE_SOURCE_END) {
         if (status == IPE_SOURCE_WAIT) {
             ipe_source_file_fill(&source);
