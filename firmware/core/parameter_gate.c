@@ -191,6 +191,15 @@ static void publish(ipe_parameter_gate_t* g)
     g->writing = __atomic_exchange_n(&g->middle, (unsigned char)(g->writing | NEW), __ATOMIC_ACQ_REL) & 3U;
 }
 
+/// The nominal body is no longer there: an estimate in use stays. A fall-back that has begun ends, lest theta jumps.
+static void leave_nominal(ipe_parameter_gate_t* g, ipe_gate_source_t source)
+{
+    g->was_changed = true;
+    if (source != IPE_GATE_LIVE && source != IPE_GATE_LAST_GOOD) { return; }
+    g->now.keeps = true;
+    publish(g);
+}
+
 ipe_gate_limits_t ipe_parameter_gate_default(void)
 {
     return (ipe_gate_limits_t){.mass_std = 0.02,
@@ -237,6 +246,7 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
         g->is_returning |= has_restarted;
         if (has_restarted || g->known_n_changes < 0) { g->known_n_changes = e->n_changes, g->is_changed = false; }
         g->is_changed |= e->n_changes != g->known_n_changes;
+        if (e->n_changes > 0 && !g->was_changed) { leave_nominal(g, before.source); }
     }
     const bool is_break = has_restarted || seconds(now_ns - g->acceptable_ns) > g->limits.age_max;
     g->n_in_a_row = reason != IPE_GATE_TAKEN ? 0 : is_break ? 1 : g->n_in_a_row + 1;
@@ -248,11 +258,10 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     if (reason != IPE_GATE_TAKEN) { return reason; }
     double theta[IPE_NP];
     memcpy(theta, e->theta, sizeof theta);
-    if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(g->now.to, theta); }
+    if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(is_live ? g->now.to : before.theta, theta); }
     g->now.time = is_live ? time_of(g, before.theta, theta, now_ns) : g->limits.transition_time;
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, theta, sizeof theta);
-    g->was_changed |= e->n_changes != g->known_n_changes;
     g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true, g->now.keeps = g->was_changed;
     g->last = body, g->known_n_changes = e->n_changes;
     g->is_changed &= !is_whole(&g->limits, e, &body);

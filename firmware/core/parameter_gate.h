@@ -11,9 +11,11 @@
 ///   the daemon began again       theta stays; live ones after n_return acceptable estimates in a row
 ///   none is taken for age_max    the fall-back: nominal parameters, or the last good ones, as chosen; then as at start
 ///   a payload change announced   the parameters in use are wrong from there on, and the fall-back is no longer the nominal
-///                                body: that one is gone. Taken is the first estimate that agrees with the one of the window
-///                                before it. Until all its parameters are sharp again only the mass must be, and as
-///                                long as the inertia about the CoG is not, that of the parameters in use is kept
+///                                body: that one is gone, whether the gate was told of the change or began after it; the
+///                                last good ones stay (a fall-back that has begun ends). Taken is the first estimate that
+///                                agrees with the one of the window before it. Until all its parameters are sharp again
+///                                only the mass must be, and as long as the inertia about the CoG is not, that of the
+///                                parameters in use is kept
 ///
 /// theta(t) = (1 - x) theta_0 + x theta_1, x from 0 to 1: the pseudo-inertia is linear in theta, and positive definite
 /// matrices are a convex set, so every body on the way can exist when both ends can. Mass, CoG and inertia change together.
@@ -101,7 +103,7 @@ typedef struct {
     ipe_body_t last;          ///< taken
     int64_t known_n_changes;  ///< payload changes that the parameters in use contain; -1: nothing was offered yet
     bool is_changed;          ///< a change was announced since the last one whose parameters were all sharp
-    bool was_changed;         ///< one was taken: the nominal body is no longer there
+    bool was_changed;         ///< one was announced: the nominal body is no longer there
     ipe_body_t previous;      ///< acceptable, of the window before
     int64_t previous_t_ns, previous_n_changes;
     int64_t last_sequence, last_t_ns;  ///< offered
