@@ -25,7 +25,7 @@ def daemon() -> Path:
     path = _place("build/bin/inertiad", "bin/inertiad", "bin/inertiad")
     if path is None:
         remedy = "install the daemon" if SOURCE_TREE is None else "run make build"
-        raise InputError(f"inertiad: not found; {remedy}, or pass --daemon FILE")
+        raise InputError(f"inertiad: not found; {remedy}")
     return path
 
 

@@ -30,7 +30,7 @@ DISAGREE: Final = 0.02
 """m, rms: lengths that fit worse are not these cables', or not lengths from attachment to anchor"""
 CABLES_MIN: Final = 3
 FREE: Final = 0.05
-"""least singular value of the cables' unit directions: chosen so that 1 mm of a length is at most 20 mm of the position"""
+"""least singular value of the cables' unit directions: chosen so that 1 mm of a length is at most 20 mm of place"""
 FAR: Final = 10.0
 """times the median residual of an instant: chosen so that noise is beyond it once in 6e10 instants, with four cables"""
 FAR_MIN: Final = 2e-3
@@ -84,7 +84,7 @@ def find(signals: Table, file: Path, robot: Robot) -> Table | None:
 
 
 def _solve(config: Any, R: Array, lengths: Array, start: Array) -> tuple[Array, Array, Array, Array]:
-    """p [N, 3] of P, the residual [N, m] of the lengths, the length [N] of the last step, and unit directions [N, m, 3]."""
+    """p [N, 3] of P, the residual [N, m] of the lengths, the length [N] of the last step, unit directions [N, m, 3]."""
     p = np.repeat(start[None], len(R), axis=0)
     for _ in range(STEPS_MAX):
         u, _, length = inertiad_core.cable_geometry(config, p, R)
@@ -110,8 +110,8 @@ def _check_directions(name: str, t: Array, u: Array) -> None:
 def positions(robot: Robot, source: str, signals: Table, lengths: Table) -> FromLengths:
     """Positions of the tracked point at the lengths' times, within the time of the signals' attitude.
 
-    Instants whose lengths disagree far more than those of others are left out. InputError: cables that leave a direction
-    free, lengths that no pose has, or that differ by more than DISAGREE.
+    Instants whose lengths disagree far more than those of others are left out. InputError: cables that leave a
+    direction free, lengths that no pose has, or that differ by more than DISAGREE.
     """
     if robot.n_cables < CABLES_MIN:
         raise InputError(
