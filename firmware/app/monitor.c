@@ -285,6 +285,15 @@ static void report_widening(daemon_t* d)
     ipe_publish_event(&d->publisher, d->last_row_ns, "misfit", text);
 }
 
+/// Once a second: of real time, in lock-step of data time.
+static void tick(daemon_t* d)
+{
+    memset(d->n_state_events, 0, sizeof d->n_state_events);
+    if (d->option.checkpoint == NULL || ++d->n_ticks < CHECKPOINT_TICKS) { return; }
+    d->n_ticks = 0;
+    ipe_checkpoint_save(&d->checkpoint, d->pipeline);
+}
+
 /// Once a second of data time; not at the first call, when there is nothing to compare with.
 static void check_second(daemon_t* d, int64_t t_ns)
 {
@@ -295,6 +304,7 @@ static void check_second(daemon_t* d, int64_t t_ns)
         for (int i = 0; i < d->config.n_cables; ++i) { report_unknown_force(d, i); }
         report_widening(d);
         health_send(d, t_ns);
+        if (d->replay.is_lock_step) { tick(d); }
     }
     d->health_due_ns = t_ns + NS_PER_S;
 }
@@ -342,14 +352,10 @@ void monitor_second(daemon_t* d)
 {
     monitor_clock(d);
     report_losses(d);
-    memset(d->n_state_events, 0, sizeof d->n_state_events);
     if (d->n_interfaces > 0) { check_sensors(d, daemon_now(d)); }
     if (d->n_facts_ticks > 0) { d->n_facts_ticks--; }
     check_invariants(d);
-    if (d->option.checkpoint != NULL && ++d->n_ticks >= CHECKPOINT_TICKS) {
-        d->n_ticks = 0;
-        ipe_checkpoint_save(&d->checkpoint, d->pipeline);
-    }
+    tick(d);
     if (!d->was_health_sent) {
         ipe_publish_flush(&d->publisher);
         health_send(d, daemon_now(d));

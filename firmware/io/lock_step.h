@@ -6,7 +6,8 @@
 ///   position 1000123000 0.1 0.2 2.0    a position of the tracked point: host time, ns; W, m
 ///   answer                             write what was published since the last answer
 /// out: an LCM log (record.h) of ESTIMATE and EVENT; each answer ends with a message without data on
-/// PREFIX + "ANSWER". A line that is none of these is counted and reported.
+/// PREFIX + "ANSWER". A line that is none of these is counted by cause and reported; so is a position of more than 200
+/// characters, or whose time is no host time.
 /// Ask often: a daemon whose answers nobody reads waits once the pipe is full, after some 0.4 s of data.
 /// 130 KB of state, caller-allocated, no heap after open, one thread.
 #ifndef IPE_LOCK_STEP_H
@@ -32,12 +33,19 @@ typedef enum {
 
 typedef struct {
     ipe_lines_t lines;
-    ipe_frame_t frame;        ///< the newest
-    ipe_position_t position;  ///< the newest
+    ipe_frame_t frame;         ///< the newest
+    ipe_position_t position;   ///< the newest
     ipe_message_limit_t limit;
-    uint64_t n_bad_lines;
-    uint64_t n_messages;  ///< written
-    bool is_broken;       ///< nobody reads stdout any more
+    uint64_t n_frames;         ///< lines that are a frame
+    uint64_t n_positions;      ///< lines that are a position
+    uint64_t n_answers;        ///< lines that ask for an answer
+    uint64_t n_too_long;       ///< lines refused: too long
+    uint64_t n_cut;            ///< last line refused: it has no end
+    uint64_t n_bad_frames;     ///< lines refused: neither a frame of can0 to can7 nor anything else
+    uint64_t n_bad_positions;  ///< lines refused: a position that cannot be read
+    uint64_t n_bad_times;      ///< lines refused: a position whose time is no host time
+    uint64_t n_messages;       ///< written
+    bool is_broken;            ///< nobody reads stdout any more, or stdin could not be read or had no line of use
     size_t n_out;
     uint8_t out[IPE_LOCK_STEP_OUT];
 } ipe_lock_step_t;
@@ -56,5 +64,8 @@ void ipe_lock_step_put(ipe_lock_step_t* l, const char* channel, int64_t t_ns, co
 
 /// Write everything that was put. False: nobody reads it.
 bool ipe_lock_step_send(ipe_lock_step_t* l);
+
+/// A counter by index: its cause, and its value. NULL past the last. The names are stable.
+const char* ipe_lock_step_counter(const ipe_lock_step_t* l, unsigned index, uint64_t* value);
 
 #endif
