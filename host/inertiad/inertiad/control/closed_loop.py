@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 import inertiad_core
 from inertiad.base.error import InputError
@@ -54,8 +55,6 @@ class Trial:
     is_pose_measured: bool = False
     kill_at: float = np.inf
     """s, the daemon dies; it comes back DOWN later and has forgotten everything"""
-    stale_at: float = np.inf
-    """s, an ESTIMATE from the beginning comes once more"""
 
 
 @dataclass
@@ -78,8 +77,8 @@ class Trace:
     """[K, 10], in use"""
     source: Array
     """[K], index of SOURCES"""
-    n_infeasible: int
-    """commands cut off at the limits"""
+    is_cut: NDArray[np.bool_]
+    """[K], the command is cut off at the limits of the tensions: it does not give the wrench"""
     offers: Counter[str] = field(default_factory=Counter)
     """estimates by what became of them"""
     told: list[tuple[float, str]] = field(default_factory=list)
@@ -94,9 +93,7 @@ class _Mailbox:
         config = folder / "robot.cfg"
         config.write_bytes(_compiled(trial.run, folder))
         self._daemon = Daemon(config, folder / "inertiad.log")
-        self._first: estimate_t | None = None
         self._last_reason = 0
-        self._is_stale_sent = False
         self.offers: Counter[str] = Counter()
         self.told: list[tuple[float, str]] = []
 
@@ -115,9 +112,6 @@ class _Mailbox:
             self.told.append((t, "the daemon was started again"))
         for event in self._daemon.ask(lines):
             self._take(event, t, now_ns)
-        if t >= self._trial.stale_at and not self._is_stale_sent and self._first is not None:
-            self._is_stale_sent = True
-            self._offer(self._first, t, now_ns)
 
     def _take(self, event: Event, t: float, now_ns: int) -> None:
         if event.channel == "EVENT":
@@ -125,7 +119,6 @@ class _Mailbox:
             self.told.append((t, f"inertiad: {said.source}: {said.text}"))
         elif event.channel == "ESTIMATE":
             estimate = lcmlog.decode(estimate_t, event, "inertiad")
-            self._first = self._first or estimate
             self._offer(estimate, t, now_ns)
 
     def _offer(self, e: estimate_t, t: float, now_ns: int) -> None:
@@ -228,7 +221,7 @@ def _trace(loop: Any, period: float, mailbox: _Mailbox | None) -> Trace:
         found["beyond"],
         found["theta"],
         source,
-        found["n_infeasible"],
+        found["is_cut"] > 0.0,
         mailbox.offers if mailbox else Counter(),
         sorted(told),
     )

@@ -31,6 +31,16 @@ class Arguments:
     """s, of hold"""
 
 
+def _check_kill(kill: float | None, arms: tuple[str, ...], duration: float) -> None:
+    """InputError: a time at which no daemon runs."""
+    if kill is None:
+        return
+    if not 0.0 <= kill < duration:
+        raise InputError(f"--kill {kill:g}: allowed: 0 to {duration:g}, s: the motion's duration")
+    if "live" not in arms:
+        raise InputError("--kill: no arm has a daemon; add live to --arms")
+
+
 def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[str]]:
     """The trials and what was assumed for them. InputError: a word, the robot or the body is not usable."""
     if arguments.plant == "exact":
@@ -48,10 +58,12 @@ def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[st
         payload=arguments.payload,
     )
     run, remarks = simulation.run_of(robot_file, words)
+    arms = experiment.arms(arguments.arms)
+    _check_kill(arguments.kill, arms, run.trajectory.duration)
     known = run.robot.model_copy(update={"nominal": run.body})
     return Request(
         replace(run, robot=known),
-        experiment.arms(arguments.arms),
+        arms,
         experiment.bandwidths(arguments.bandwidth),
         tuple(range(arguments.seeds)),
         arguments.is_pose_measured,
