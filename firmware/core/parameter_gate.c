@@ -159,11 +159,10 @@ static double distance(const double a[IPE_NP], const double b[IPE_NP])
 
 /// Time of a transition from theta to another body, s: what is left of the one under way, or the new part's share of the
 /// whole time if that is longer.
-static double time_of(const ipe_parameter_gate_t* g, const double theta[IPE_NP], const double to[IPE_NP],
+static double time_of(const ipe_parameter_gate_t* g, double T, const double theta[IPE_NP], const double to[IPE_NP],
                       int64_t now_ns)
 {
-    const double T = g->limits.transition_time,
-                 left = g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time));
+    const double left = g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time));
     const double way = distance(theta, to), more = distance(g->now.to, to);
     return fmax(left, more < way ? T * more / way : T);
 }
@@ -199,6 +198,7 @@ ipe_gate_limits_t ipe_parameter_gate_default(void)
                                .verdict_max = 1,
                                .age_max = 1.0,
                                .transition_time = 0.5,
+                               .change_time = 0.05,
                                .step_sigmas = 6.0,
                                .n_return = 5};
 }
@@ -208,7 +208,8 @@ ipe_status_t ipe_parameter_gate_init(ipe_parameter_gate_t* g, const ipe_gate_lim
 {
     const ipe_gate_limits_t* l = limits;
     const bool is_good = l->mass_std > 0.0 && l->cog_std > 0.0 && l->inertia_std > 0.0 && l->age_max > 0.0 &&
-                         l->transition_time >= 0.0 && l->step_sigmas > 0.0 && l->n_return >= 1 && l->verdict_max >= 1;
+                         l->transition_time >= 0.0 && l->change_time >= 0.0 && l->step_sigmas > 0.0 &&
+                         l->n_return >= 1 && l->verdict_max >= 1;
     if (!is_good || !ipe_consistency_check(nominal)) { return IPE_ERR_RANGE; }
     memset(g, 0, sizeof *g);
     g->limits = *limits;
@@ -249,7 +250,9 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     double theta[IPE_NP];
     memcpy(theta, e->theta, sizeof theta);
     if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(g->now.to, theta); }
-    g->now.time = is_live ? time_of(g, before.theta, theta, now_ns) : g->limits.transition_time;
+    const bool is_change = g->is_changed && !is_whole(&g->limits, e, &body);
+    const double T = is_change ? g->limits.change_time : g->limits.transition_time;
+    g->now.time = is_live ? time_of(g, T, before.theta, theta, now_ns) : T;
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, theta, sizeof theta);
     g->was_changed |= e->n_changes != g->known_n_changes;

@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 enum { POSITION_CHARS = 200 };
-static const char POSITION[] = "position ", ANSWER[] = "answer";
+static const char POSITION[] = "position ", COMMAND[] = "command ", ANSWER[] = "answer";
 
 int ipe_lock_step_open(ipe_lock_step_t* l)
 {
@@ -64,6 +64,26 @@ static bool take_position(ipe_lock_step_t* l, const char* text, size_t length)
     return false;
 }
 
+/// 0 to 15, or -1: no hexadecimal digit.
+static int digit(char c)
+{
+    return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+}
+
+static bool take_command(ipe_lock_step_t* l, const char* text, size_t length)
+{
+    bool is_good = length % 2 == 0 && length / 2 <= sizeof l->message;
+    l->n_message = length / 2;
+    for (size_t i = 0; is_good && i < l->n_message; ++i) {
+        const int high = digit(text[2 * i]), low = digit(text[2 * i + 1]);
+        is_good = high >= 0 && low >= 0;
+        l->message[i] = (uint8_t)(16 * high + low);
+    }
+    if (is_good && ipe_command_decode(l->message, l->n_message, &l->command) == 0) { return true; }
+    report(l, "is no \"command HEX\" of a command_t of this version");
+    return false;
+}
+
 /// True if the line is an item.
 static bool take_line(ipe_lock_step_t* l, const char* text, size_t length, ipe_lock_step_item_t* item)
 {
@@ -75,6 +95,11 @@ static bool take_line(ipe_lock_step_t* l, const char* text, size_t length, ipe_l
     if (length > n && memcmp(text, POSITION, n) == 0) {
         *item = IPE_LOCK_STEP_POSITION;
         return take_position(l, text + n, length - n);
+    }
+    const size_t n_command = sizeof COMMAND - 1;
+    if (length > n_command && memcmp(text, COMMAND, n_command) == 0) {
+        *item = IPE_LOCK_STEP_COMMAND;
+        return take_command(l, text + n_command, length - n_command);
     }
     *item = IPE_LOCK_STEP_FRAME;
     return take_frame(l, text, length);
