@@ -18,6 +18,8 @@
 #define FAILED_WINDOWS 5         // 50 ms: chosen over a knock
 #define SLOPE_WINDOWS 8          // 80 ms that the share is extrapolated by
 #define SHARE_STD 0.02           // at least, of a share: chosen over the error of forces and motion in time, 1 ms
+#define SLOPE_ERROR 0.25         // of an extrapolated step: chosen as what a load in an elastic sling varies it by
+#define LEAD_MAX 0.05            // s beyond the newest row: chosen short against a contact of 0.5 s
 #define RESTING 0.02             // of the share, between two halves of 0.2 s: chosen as SHARE_STD
 #define AGREES 3.0               // sigmas of a share from 1
 #define RELATIVE_STD_MAX 0.5     // of the mass: what is less certain is no announcement
@@ -116,7 +118,7 @@ static double mean_share(const ipe_announcement_t* a, int from, int to, double* 
     return share;
 }
 
-/// The share at time t, by the line through the newest ones: never over the whole, unless it is over it already.
+/// The share at time t, s since the contact, by the line through the newest ones: never over the whole, unless it is over it already.
 static void extrapolate(ipe_announcement_t* a, double t, double share, double share_std)
 {
     double t_mean, slope = 0.0, square = 0.0;
@@ -131,7 +133,7 @@ static void extrapolate(ipe_announcement_t* a, double t, double share, double sh
     const double newest = a->t[(a->n_shares - 1) % IPE_ANNOUNCEMENT_SHARES];
     const double line = mean + slope * (t - t_mean);
     a->now = fmax(0.0, fmin(line, fmax(1.0, share)));
-    a->now_std = fmax(fmax(share_std, SHARE_STD), 0.5 * fabs(slope) * (t - newest));
+    a->now_std = fmax(fmax(share_std, SHARE_STD), SLOPE_ERROR * fabs(slope) * (t - newest));
 }
 
 /// Has the share been at rest for all that is kept?
@@ -181,10 +183,10 @@ static void begin_contact(ipe_announcement_t* a, ipe_estimator_t* e, int64_t t_n
 static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
                    int64_t t_ns, double share, double share_std)
 {
-    const double now = 1e-9 * (double)(t_ns - a->contact_ns);
+    const double now = 1e-9 * (double)(t_ns - a->contact_ns), next = now + fmin(1.0 / config->estimate_rate, LEAD_MAX);
     double resting;
     keep_share(a, 1e-9 * (double)(average->t_ns - a->contact_ns), share);
-    extrapolate(a, now, share, share_std);
+    extrapolate(a, next, share, share_std);  // to when the next estimate replaces this one
     if (is_resting(a, share_std, &resting)) {
         take(a, e, config, resting, share_std);
     } else if (now > CONTACT_MAX) {

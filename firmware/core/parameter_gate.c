@@ -90,6 +90,12 @@ static bool is_whole(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, c
     return e->verdict <= l->verdict_max && is_observable(e, false) && is_sharp(l, body, false);
 }
 
+/// Is it one of those while an announced payload comes into contact? All is known but how much of it is carried so far.
+static bool is_in_contact(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, const ipe_body_t* body)
+{
+    return e->verdict >= CARE && is_observable(e, false) && is_sharp(l, body, false);
+}
+
 /// Do n values agree, each within so many standard deviations of their difference?
 static bool agree(const double* a, const double* a_std, const double* b, const double* b_std, int n, double sigmas)
 {
@@ -158,11 +164,11 @@ static double distance(const double a[IPE_NP], const double b[IPE_NP])
 }
 
 /// Time of a transition from theta to another body, s: what is left of the one under way, or the new part's share of the
-/// whole time if that is longer.
+/// whole time T if that is longer; at most T.
 static double time_of(const ipe_parameter_gate_t* g, double T, const double theta[IPE_NP], const double to[IPE_NP],
                       int64_t now_ns)
 {
-    const double left = g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time));
+    const double left = fmin(T, g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time)));
     const double way = distance(theta, to), more = distance(g->now.to, to);
     return fmax(left, more < way ? T * more / way : T);
 }
@@ -198,7 +204,7 @@ ipe_gate_limits_t ipe_parameter_gate_default(void)
                                .verdict_max = 1,
                                .age_max = 1.0,
                                .transition_time = 0.5,
-                               .change_time = 0.05,
+                               .change_time = 0.02,
                                .step_sigmas = 6.0,
                                .n_return = 5};
 }
@@ -250,8 +256,8 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     double theta[IPE_NP];
     memcpy(theta, e->theta, sizeof theta);
     if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(g->now.to, theta); }
-    const bool is_change = g->is_changed && !is_whole(&g->limits, e, &body);
-    const double T = is_change ? g->limits.change_time : g->limits.transition_time;
+    const double T =
+        g->is_changed && is_in_contact(&g->limits, e, &body) ? g->limits.change_time : g->limits.transition_time;
     g->now.time = is_live ? time_of(g, T, before.theta, theta, now_ns) : T;
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, theta, sizeof theta);
