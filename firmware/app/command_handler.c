@@ -145,10 +145,13 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     if (d->pipeline->announcement != NULL && d->pipeline->announcement->state == IPE_ANNOUNCEMENT_CONTACT) {
         return answer(false, "the payload announced before is coming into contact");
     }
-    const double ahead = 1e-9 * (double)(expected.t_ns - daemon_now(d));
-    if (expected.t_ns < 0 || expected.t_ns > IPE_TIME_MAX_NS || ahead < 0.0 || ahead > EXPECT_AHEAD_MAX) {
+    const int64_t now_ns = daemon_now(d);
+    const int64_t sent_ns = d->n_interfaces == 0 ? command->t_ns : now_ns;  // the time of recorded input is another one
+    const double ahead = 1e-9 * ((double)expected.t_ns - (double)sent_ns);
+    if (!(ahead >= 0.0 && ahead <= EXPECT_AHEAD_MAX)) {
         return answer(false, "t_ns: %.3f s from now; allowed: 0 to %.0f s", ahead, EXPECT_AHEAD_MAX);
     }
+    expected.t_ns += now_ns - sent_ns;
     if (ipe_announcement_init(&d->announcement, &d->pipeline->config, expected.number, expected.t_ns,
                               d->pipeline->window.period, text, sizeof text) != IPE_OK) {
         return answer(false, "%s", text);

@@ -139,5 +139,5 @@ def test_model_refuses_a_damaged_robot(model, tmp_path):
             fmi_type="CoSimulation",
             logger=lambda environment, status, category, message: said.append(message.decode()),
         )
-    assert said and "too short" in said[0] or "robot.cfg" in said[0]
+    assert said and "robot.cfg" in said[0]
     shutil.rmtree(folder)

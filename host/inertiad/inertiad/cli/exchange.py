@@ -15,11 +15,18 @@ commands = typer.Typer()
 @commands.command("export", epilog="Example: inertiactl export run --to parquet -o run.parquet")
 def export_command(
     run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json; of fmu: robot.toml.")
+        Path,
+        typer.Argument(
+            metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json; of fmu: robot.toml."
+        ),
     ],
     to: Annotated[
         str,
-        typer.Option("--to", metavar="FORMAT", help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json; of a robot: fmu."),
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json; of a robot: fmu.",
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write; -: stdout.")],
     robot: Annotated[
