@@ -243,6 +243,21 @@ static void report_change(daemon_t* d)
     ipe_publish_event(&d->publisher, d->last_row_ns, "detect", "payload changed");
 }
 
+static void report_announcement(daemon_t* d)
+{
+    static const char* const TEXT[] = {
+        [IPE_ANNOUNCEMENT_CONTACT] = "the announced payload is coming into contact",
+        [IPE_ANNOUNCEMENT_TAKEN] = "the announced payload is taken",
+        [IPE_ANNOUNCEMENT_OTHER] = "a payload of another mass than announced is taken: it is estimated anew",
+        [IPE_ANNOUNCEMENT_FAILED] = "the contact is none of the announced payload: the estimate goes on without it",
+        [IPE_ANNOUNCEMENT_MISSED] = "the announced payload did not come",
+    };
+    const ipe_announcement_state_t state = d->announcement.state;
+    if (state == d->announcement_reported) { return; }
+    d->announcement_reported = state;
+    if (state >= IPE_ANNOUNCEMENT_CONTACT) { ipe_publish_event(&d->publisher, d->last_row_ns, "expect", TEXT[state]); }
+}
+
 static void report_force_delay(daemon_t* d)
 {
     const double delay = d->pipeline->estimator.force_delay;
@@ -313,6 +328,7 @@ void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
     report_change(d);
+    report_announcement(d);
     report_force_delay(d);
     report_misfit(d);
     check_second(d, frame->t_ns);
@@ -368,6 +384,7 @@ void monitor_second(daemon_t* d)
 void monitor_end(daemon_t* d)
 {
     report_change(d);
+    report_announcement(d);
     report_misfit(d);
     report_losses(d);
 }

@@ -11,12 +11,12 @@
 #include <unistd.h>
 
 enum { POSITION_CHARS = 200 };
-static const char POSITION[] = "position ", ANSWER[] = "answer";
+static const char POSITION[] = "position ", COMMAND[] = "command ", ANSWER[] = "answer";
 
 int ipe_lock_step_open(ipe_lock_step_t* l)
 {
-    l->n_frames = l->n_positions = l->n_answers = 0;
-    l->n_too_long = l->n_cut = l->n_bad_frames = l->n_bad_positions = l->n_bad_times = 0;
+    l->n_frames = l->n_positions = l->n_commands = l->n_answers = 0;
+    l->n_too_long = l->n_cut = l->n_bad_frames = l->n_bad_positions = l->n_bad_commands = l->n_bad_times = 0;
     l->n_messages = 0, l->n_out = 0;
     l->limit = (ipe_message_limit_t){0};
     l->is_broken = false;
@@ -77,6 +77,26 @@ static bool take_position(ipe_lock_step_t* l, const char* text, size_t length)
     return true;
 }
 
+/// 0 to 15, or -1: no hexadecimal digit.
+static int digit(char c)
+{
+    return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+}
+
+static bool take_command(ipe_lock_step_t* l, const char* text, size_t length)
+{
+    bool is_good = length % 2 == 0 && length / 2 <= sizeof l->message;
+    l->n_message = length / 2;
+    for (size_t i = 0; is_good && i < l->n_message; ++i) {
+        const int high = digit(text[2 * i]), low = digit(text[2 * i + 1]);
+        is_good = high >= 0 && low >= 0;
+        l->message[i] = (uint8_t)(16 * high + low);
+    }
+    if (is_good && ipe_command_decode(l->message, l->n_message, &l->command) == 0) { return true; }
+    report(l, &l->n_bad_commands, "is no \"command HEX\" of a command_t of this version");
+    return false;
+}
+
 /// True if the line is an item.
 static bool take_line(ipe_lock_step_t* l, const char* text, size_t length, ipe_lock_step_item_t* item)
 {
@@ -89,8 +109,23 @@ static bool take_line(ipe_lock_step_t* l, const char* text, size_t length, ipe_l
         *item = IPE_LOCK_STEP_POSITION;
         return take_position(l, text + n, length - n);
     }
+    const size_t n_command = sizeof COMMAND - 1;
+    if (length > n_command && memcmp(text, COMMAND, n_command) == 0) {
+        *item = IPE_LOCK_STEP_COMMAND;
+        return take_command(l, text + n_command, length - n_command);
+    }
     *item = IPE_LOCK_STEP_FRAME;
     return take_frame(l, text, length);
+}
+
+static void count(ipe_lock_step_t* l, ipe_lock_step_item_t item)
+{
+    switch (item) {
+    case IPE_LOCK_STEP_FRAME: l->n_frames++; break;
+    case IPE_LOCK_STEP_POSITION: l->n_positions++; break;
+    case IPE_LOCK_STEP_COMMAND: l->n_commands++; break;
+    default: l->n_answers++; break;
+    }
 }
 
 static void end(ipe_lock_step_t* l)
@@ -98,8 +133,9 @@ static void end(ipe_lock_step_t* l)
     if (l->lines.error != 0) {
         ipe_message("stdin: %s; read up to line %" PRIu64, strerror(l->lines.error), l->lines.number);
         l->is_broken = true;
-    } else if (l->lines.number > 0 && l->n_frames + l->n_positions + l->n_answers == 0) {
-        ipe_message("stdin: none of %" PRIu64 " lines is of use: none is a frame of candump, a position or \"%s\"",
+    } else if (l->lines.number > 0 && l->n_frames + l->n_positions + l->n_commands + l->n_answers == 0) {
+        ipe_message("stdin: none of %" PRIu64
+                    " lines is of use: none is a frame of candump, a position, a command or \"%s\"",
                     l->lines.number, ANSWER);
         l->is_broken = true;
     }
@@ -114,9 +150,7 @@ ipe_lock_step_item_t ipe_lock_step_next(ipe_lock_step_t* l)
         switch (ipe_lines_next(&l->lines, &text, &length)) {
         case IPE_LINES_OK:
             if (!take_line(l, text, length, &item)) { break; }
-            ++*(item == IPE_LOCK_STEP_FRAME      ? &l->n_frames
-                : item == IPE_LOCK_STEP_POSITION ? &l->n_positions
-                                                 : &l->n_answers);
+            count(l, item);
             return item;
         case IPE_LINES_WAIT: return IPE_LOCK_STEP_WAIT;
         case IPE_LINES_LONG: report(l, &l->n_too_long, "is too long"); break;
@@ -177,10 +211,16 @@ const char* ipe_lock_step_counter(const ipe_lock_step_t* l, unsigned index, uint
         const char* cause;
         uint64_t value;
     } counter[] = {
-        {"lines", l->lines.number},     {"frames", l->n_frames},
-        {"positions", l->n_positions},  {"answers", l->n_answers},
-        {"too_long", l->n_too_long},    {"cut", l->n_cut},
-        {"bad_frame", l->n_bad_frames}, {"bad_position", l->n_bad_positions},
+        {"lines", l->lines.number},
+        {"frames", l->n_frames},
+        {"positions", l->n_positions},
+        {"commands", l->n_commands},
+        {"answers", l->n_answers},
+        {"too_long", l->n_too_long},
+        {"cut", l->n_cut},
+        {"bad_frame", l->n_bad_frames},
+        {"bad_position", l->n_bad_positions},
+        {"bad_command", l->n_bad_commands},
         {"bad_time", l->n_bad_times},
     };
     if (index >= sizeof counter / sizeof counter[0]) { return NULL; }

@@ -19,11 +19,13 @@ from inertiad.cli.main import app
 from inertiad.control import closed_loop, experiment, request
 from inertiad.control.closed_loop import SOURCES, Trial
 from inertiad.control.daemon import Daemon
+from inertiad.model.payload import Payload
 from inertiad.report import control as reporter
 from inertiad.run import lcmlog
 from inertiad_lcm import estimate_t
 
 ROBOT = COGIRO / "robot.toml"
+THETA = np.array([70.0, 0.0, 0.0, 7.0, 1.0, 1.0, 0.5, 0.0, 0.0, 0.0])
 MOTION = "t,x,y,z,roll,pitch,yaw\n"
 
 
@@ -75,6 +77,41 @@ def test_live_parameters_find_the_payload_and_reduce_the_error(live, nominal):
     assert live.beyond.max() <= nominal.beyond.max()
     assert any("detect: payload changed" in text for _, text in live.told)
     assert any(text == f"controller: {SOURCES[1]}" for _, text in live.told)
+
+
+def announced(folder: Path, words_: str, payload: str = "70@12") -> closed_loop.Trace:
+    """A live trial of 16 s with a payload; what the daemon is told of it."""
+    folder.mkdir()
+    found = trial(folder, "live", trajectory=motion(folder, 16.0), payload=(payload,))
+    wanted, _ = request.request_of(
+        ROBOT, words(folder, trajectory=motion(folder, 16.0), payload=(payload,), announce=(words_,) if words_ else ())
+    )
+    return closed_loop.control(replace(found, announced=wanted.announced))
+
+
+def rms_from(trace: closed_loop.Trace, t: float) -> float:
+    return float(np.sqrt(np.mean(trace.error[trace.t >= t] ** 2)))
+
+
+@pytest.mark.slow
+def test_announced_payload_shortens_the_transient_and_a_wrong_one_does_no_harm(tmp_path):
+    without = announced(tmp_path / "none", "")
+    right = announced(tmp_path / "right", request.AS_IT_IS)
+    wrong = announced(tmp_path / "wrong", "140@12")
+    assert any(text == "inertiad: expect: the announced payload is taken" for _, text in right.told), right.told
+    assert rms_from(right, 12.5) < rms_from(without, 12.5) / 8.0
+    assert right.error.max() < without.error.max() / 4.0
+    assert right.tension_step.max() < 0.02 * 4900.0
+    assert not any("is taken" in text and "another mass" not in text for _, text in wrong.told), wrong.told
+    assert rms_from(wrong, 12.0) < rms_from(without, 12.0)
+    assert wrong.error.max() < without.error.max()
+
+
+@pytest.mark.slow
+def test_announced_payload_that_never_comes_changes_no_bit(live, tmp_path):
+    again = closed_loop.control(replace(trial(tmp_path, "live"), announced=(Payload(9.5, 0.5 * THETA),)))
+    assert again.error.tobytes() == live.error.tobytes()
+    assert any("expect done" in text for _, text in again.told), again.told
 
 
 @pytest.mark.slow
@@ -250,7 +287,7 @@ def test_commands_that_are_cut_off_stop(run):
     assert (verdict.severity, finding.name) == ("stop", "cut_off")
     assert "2 of 1000 commands are cut off" in finding.says and "oracle" in finding.says
     assert "the first at t = 6.50 s" in finding.says
-    assert [row[-1] for row in experiment.rows(outcomes)] == ["0", "2"] and experiment.HEAD[-1] == "cut off"
+    assert [row[-1] for row in experiment.rows(outcomes)] == ["0", "2"] and experiment.head(outcomes)[-1] == "cut off"
 
 
 def test_platform_that_is_far_away_stops(run):
@@ -259,8 +296,9 @@ def test_platform_that_is_far_away_stops(run):
 
 
 def test_hand_over_that_is_not_measured_has_an_empty_cell(run):
-    adaptive, nominal = experiment.rows([outcome(run, arm) for arm in ("adaptive", "nominal")])
-    at = experiment.HEAD.index("hand-over")
+    outcomes = [outcome(run, arm) for arm in ("adaptive", "nominal")]
+    adaptive, nominal = experiment.rows(outcomes)
+    at = experiment.head(outcomes).index("hand-over")
     assert (adaptive[at], nominal[at]) == ("", "0.00 %")
 
 

@@ -116,6 +116,28 @@ static void test_estimate_in_mid_transition_starts_from_where_theta_is(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, halfway, now.theta[0]);
 }
 
+static void test_announced_contact_is_followed_within_change_time(void)
+{
+    const int64_t live = go_live(1.0);
+    int64_t t = live + SECOND;
+    for (int k = 0; k <= 10; ++k, t += 20 * MS) {  // 20 % more within 0.2 s, all sharp, verdict care
+        ipe_gate_estimate_t e = estimate(100 + k, t, 1.0 + 0.02 * k);
+        for (int i = 0; i < IPE_NP; ++i) { e.covariance[i][i] = 1e-4 * nominal[0] * nominal[0]; }
+        e.covariance[0][0] = 1e-4 * e.theta[0] * e.theta[0];
+        e.n_changes = 1, e.verdict = 2;
+        const ipe_gate_reason_t reason = ipe_parameter_gate_offer(&gate, &e, t);
+        if (k > 0) { TEST_ASSERT_EQUAL_MESSAGE(IPE_GATE_TAKEN, reason, ipe_parameter_gate_text(reason)); }
+        ipe_parameter_gate_read(&gate, t + 20 * MS, &now);
+        if (k > 0) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, e.theta[0], now.theta[0]); }
+    }
+    ipe_gate_estimate_t e = estimate(200, t, 1.2);  // contact over: small corrections take transition_time again
+    e.n_changes = 1;
+    e.theta[0] *= 1.001;
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, t));
+    ipe_parameter_gate_read(&gate, t + 250 * MS, &now);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.2006 * nominal[0], now.theta[0]);
+}
+
 static void test_every_refusal_has_its_reason_and_changes_nothing(void)
 {
     const int64_t t = go_live(1.0) + 100 * MS;
@@ -414,6 +436,7 @@ int main(void)
     RUN_TEST(test_start_is_nominal_and_the_first_estimates_wait);
     RUN_TEST(test_transition_has_no_jump_and_every_body_on_it_can_exist);
     RUN_TEST(test_estimate_in_mid_transition_starts_from_where_theta_is);
+    RUN_TEST(test_announced_contact_is_followed_within_change_time);
     RUN_TEST(test_every_refusal_has_its_reason_and_changes_nothing);
     RUN_TEST(test_each_sigma_has_its_limit);
     RUN_TEST(test_each_number_may_contradict_the_last_estimate);

@@ -137,6 +137,7 @@ void bind_gate(nb::module_& m)
         .def_rw("verdict_max", &ipe_gate_limits_t::verdict_max)
         .def_rw("age_max", &ipe_gate_limits_t::age_max)
         .def_rw("transition_time", &ipe_gate_limits_t::transition_time)
+        .def_rw("change_time", &ipe_gate_limits_t::change_time)
         .def_rw("step_sigmas", &ipe_gate_limits_t::step_sigmas)
         .def_rw("n_return", &ipe_gate_limits_t::n_return)
         .def_rw("keep_last_good", &ipe_gate_limits_t::keep_last_good);

@@ -20,6 +20,7 @@ BAD_CAUSES: Final = (
     *(
         "bad_frame",
         "bad_position",
+        "bad_command",
         "bad_time",
         "bad_rows",
         "lost",

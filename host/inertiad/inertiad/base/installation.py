@@ -29,6 +29,15 @@ def daemon() -> Path:
     return path
 
 
+def feed_forward_model() -> Path:
+    """The library that an FMU of the feed-forward holds. InputError: it was not built."""
+    name = "inertiad_feed_forward.so"
+    path = _place(f"build/lib/{name}", f"lib/{name}", f"lib/inertiad/{name}")
+    if path is None:
+        raise InputError(f"{name}: not found; run make fmu in the source tree")
+    return path
+
+
 def example_robot() -> Path:
     """robot.toml of CoGiRo, the robot of the paper. InputError: not installed."""
     cogiro = "robots/cogiro/robot.toml"

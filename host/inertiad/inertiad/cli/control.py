@@ -38,6 +38,10 @@ def control(
         Path | None, typer.Option(metavar="FILE", help="Body at the start, known as nominal; .toml or .json.")
     ] = None,
     mass: Annotated[float | None, typer.Option(metavar="KG", help="Its mass instead of [nominal]'s.")] = None,
+    announce: Annotated[
+        list[str] | None,
+        typer.Option(metavar="payload|KG@S", help="Tell the daemon 1 s before: what --payload says, or another one."),
+    ] = None,
     kill: Annotated[
         float | None, typer.Option(metavar="S", help="Kill the daemon then; it comes back 1 s later.")
     ] = None,
@@ -58,7 +62,18 @@ def control(
     if pose not in ("true", "measured"):
         raise InputError(f'--pose "{pose}": allowed: true, measured')
     words = request.Arguments(
-        tuple(payload or ()), bandwidth, arms, pose == "measured", plant, faults, seeds, trajectory, body, mass, kill
+        tuple(payload or ()),
+        bandwidth,
+        arms,
+        pose == "measured",
+        plant,
+        faults,
+        seeds,
+        trajectory,
+        body,
+        mass,
+        kill,
+        announce=tuple(announce or ()),
     )
     with progress_shown() as progress:
         progress("choose the motion")

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from inertiad.base.error import InputError
 from inertiad.control import closed_loop
 from inertiad.control.closed_loop import ARMS, Trace, Trial
+from inertiad.model.payload import Payload
 from inertiad.robot.messages import nearest
 from inertiad.simulate.simulator import Run
 
 SETTLING: Final = 3.0
-"""s after a payload is taken up that belong to the transient"""
+"""s after a contact that belong to the transient,"""
+SETTLING_ANNOUNCED: Final = 0.5
+"""the same where it is announced"""
 PHASES: Final = ("before", "transient", "late")
 KEYS: Final = ("rms_mm", "max_mm", "rms_deg", "late_rms_mm")
 """of control.json"""
@@ -54,6 +57,8 @@ class Outcome:
     """commands cut off at the limits of the tensions, of as many as the trace has rows"""
     cut_at: float
     """s, the first of them; NaN: none was"""
+    settling: float
+    """s after the contact that belong to its transient"""
     trace: Trace
 
     @property
@@ -74,11 +79,11 @@ def _phase(trace: Trace, part: NDArray[np.bool_]) -> Phase:
     )
 
 
-def measured(trial: Trial, trace: Trace) -> Outcome:
-    """The outcome of a trial."""
+def measured(trial: Trial, trace: Trace, settling: float = SETTLING) -> Outcome:
+    """The outcome of a trial. settling: s after the contact that belong to the transient."""
     contacts = [p.time for p in trial.run.payloads] or [0.0]
     t = trace.t
-    settled = max(contacts) + SETTLING
+    settled = max(contacts) + settling
     masks = (t < min(contacts), (t >= min(contacts)) & (t < settled), t >= settled)
     phases = {name: _phase(trace, mask) for name, mask in zip(PHASES, masks, strict=True) if mask.any()}
     cables = trial.run.robot.cable
@@ -95,6 +100,7 @@ def measured(trial: Trial, trace: Trace) -> Outcome:
         beyond if beyond > LIMIT_NOISE else 0.0,
         len(cut),
         float(t[cut[0]]) if len(cut) else np.nan,
+        settling,
         trace,
     )
 
@@ -109,6 +115,12 @@ class Request:
     seeds: tuple[int, ...]
     is_pose_measured: bool
     kill_at: float = np.inf
+    announced: tuple[Payload, ...] = ()
+
+    @property
+    def settling(self) -> float:
+        """s after the contact that belong to the transient."""
+        return SETTLING_ANNOUNCED if self.announced else SETTLING
 
 
 def run_all(request: Request, progress: Callable[[str], None]) -> list[Outcome]:
@@ -120,8 +132,8 @@ def run_all(request: Request, progress: Callable[[str], None]) -> list[Outcome]:
             for arm in request.arms:
                 progress(f"seed {seed}, {bandwidth:g} Hz, {arm}")
                 kill_at = request.kill_at if arm == "live" else np.inf
-                trial = Trial(run, arm, bandwidth, request.is_pose_measured, kill_at)
-                outcomes.append(measured(trial, closed_loop.control(trial)))
+                trial = Trial(run, arm, bandwidth, request.is_pose_measured, kill_at, announced=request.announced)
+                outcomes.append(measured(trial, closed_loop.control(trial), request.settling))
     return outcomes
 
 
@@ -147,7 +159,7 @@ def _median(outcomes: list[Outcome], phase: str, name: str) -> float:
 
 
 def rows(outcomes: list[Outcome]) -> list[list[str]]:
-    """Cells of the table under HEAD, a row per bandwidth and arm. Empty: there is no such phase, or not measured."""
+    """Cells of the table under head(), a row per bandwidth and arm. Empty: there is no such phase, or not measured."""
     found = []
     for bandwidth in dict.fromkeys(o.bandwidth for o in outcomes):
         for arm in dict.fromkeys(o.arm for o in outcomes):
@@ -168,16 +180,19 @@ def _number(value: float, digits: int = 2) -> str:
     return "" if np.isnan(value) else f"{value:.{digits}f}"
 
 
-HEAD: Final = (
-    *("bandwidth", "parameters", "before rms", "max", "transient rms", "max", "later rms", "max"),
-    *("attitude, deg", "tensions, N", "hand-over", "over limit", "cut off"),
-)
+def head(outcomes: list[Outcome]) -> list[str]:
+    """Titles of the table's columns."""
+    first = f"first {outcomes[0].settling:g} s rms"
+    return [
+        *("bandwidth", "parameters", "before rms", "max", first, "max", "later rms", "max"),
+        *("attitude, deg", "tensions, N", "hand-over", "over limit", "cut off"),
+    ]
 
 
 def lines(outcomes: list[Outcome]) -> list[str]:
     """The table as text, columns aligned."""
-    table = [list(HEAD), *rows(outcomes)]
-    width = [max(len(row[i]) for row in table) for i in range(len(HEAD))]
+    table = [head(outcomes), *rows(outcomes)]
+    width = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     aligned = [
         "  ".join(cell.ljust(w) if i < 2 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, width, strict=True)))
         for row in table

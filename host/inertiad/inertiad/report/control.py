@@ -9,14 +9,14 @@ from inertiad.base import finding
 from inertiad.base.finding import Finding
 from inertiad.control import experiment
 from inertiad.control.closed_loop import SOURCES
-from inertiad.control.experiment import HEAD, PHASES, Outcome, Request
+from inertiad.control.experiment import PHASES, Outcome, Request
 from inertiad.report import page, provenance
 from inertiad.report.figure import Color, Figure, Mark, Panel, Points, Table, line
 from inertiad.report.page import Fold, Page, Section, Tile
 from inertiad.report.verdict import Verdict
 
 COLORS: dict[str, Color] = {"nominal": "nominal", "live": "estimate", "oracle": "truth", "adaptive": 3}
-TITLES = {"before": "before the first payload", "transient": "to 3 s after the last payload", "late": "later"}
+TITLES = {"before": "before the first payload", "transient": "just after the payloads", "late": "later"}
 WORSE_SHARE, WORSE_MM = 1.05, 0.2
 """live may be worse than nominal by the larger of 5 % and 0.2 mm"""
 STEP_MAX = 0.02
@@ -180,7 +180,7 @@ def page_of(request: Request, outcomes: list[Outcome], command: str) -> Page:
             "Errors",
             [
                 Table(
-                    list(HEAD),
+                    experiment.head(outcomes),
                     experiment.rows(outcomes),
                     foot="mm; medians over the seeds, hand-over, over limit and commands cut off: the worst.",
                 ),
