@@ -126,6 +126,7 @@ docs: .venv/docs.stamp build
 
 include tools/install.mk
 include firmware/ports/m7.mk
+include tools/fmu.mk
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 

@@ -83,7 +83,7 @@ bool daemon_close(daemon_t* d)
     ipe_inbox_close(&d->inbox);
     ipe_notify_close(&d->notify);
     health_print(d);
-    if (!was_bound(d)) { is_good = false; }
+    if (!was_bound(d) || (d->replay.is_lock_step && d->replay.lock_step.is_broken)) { is_good = false; }
     print_verdict(d);
     return is_good;
 }

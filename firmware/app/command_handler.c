@@ -6,11 +6,16 @@
 #include "health.h"
 #include "message.h"
 
+#include "inertiad_lcm_order_item_t.h"
+
+#include <assert.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
+
+#define EXPECT_AHEAD_MAX 600.0  // s: chosen longer than a crane moves towards a load, shorter than a mistaken clock
 
 typedef struct {
     bool is_done;
@@ -118,6 +123,45 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
                   rejecting == NULL ? "" : rejecting);
 }
 
+/// Write the numbers into ORDER, three in each item.
+static void order_expectation(daemon_t* d, const ipe_expectation_t* expected)
+{
+    enum { IN_ITEM = 3, NUMBERS = INERTIAD_LCM_ORDER_ITEM_T_EXPECT_ITEMS * IN_ITEM };
+    double number[NUMBERS] = {0.0};
+    static_assert(sizeof expected->number <= sizeof number, "EXPECT_ITEMS hold the numbers");
+    memcpy(number, expected->number, sizeof expected->number);
+    for (int i = 0; i < NUMBERS; i += IN_ITEM) {
+        ipe_publish_order(&d->publisher, IPE_COMMAND_EXPECT, expected->t_ns, number + i);
+    }
+}
+
+static answer_t expect(daemon_t* d, const ipe_command_t* command)
+{
+    ipe_expectation_t expected;
+    char text[REASON_SIZE];
+    if (ipe_command_expectation(command, &expected) != 0) {
+        return answer(false, "its content is no expectation_t of this version");
+    }
+    if (d->pipeline->announcement != NULL && d->pipeline->announcement->state == IPE_ANNOUNCEMENT_CONTACT) {
+        return answer(false, "the payload announced before is coming into contact");
+    }
+    const int64_t now_ns = daemon_now(d);
+    const int64_t sent_ns = d->n_interfaces == 0 ? command->t_ns : now_ns;  // the time of recorded input is another one
+    const double ahead = 1e-9 * ((double)expected.t_ns - (double)sent_ns);
+    if (!(ahead >= 0.0 && ahead <= EXPECT_AHEAD_MAX)) {
+        return answer(false, "t_ns: %.3f s from now; allowed: 0 to %.0f s", ahead, EXPECT_AHEAD_MAX);
+    }
+    expected.t_ns += now_ns - sent_ns;
+    if (ipe_announcement_init(&d->announcement, &d->pipeline->config, expected.number, expected.t_ns,
+                              d->pipeline->window.period, text, sizeof text) != IPE_OK) {
+        return answer(false, "%s", text);
+    }
+    order_expectation(d, &expected);
+    ipe_pipeline_expect(d->pipeline, &d->announcement);
+    d->announcement_reported = d->announcement.state;
+    return answer(true, "%.4g +- %.2g kg in %.3f s", expected.number[0], expected.number[1], ahead);
+}
+
 /// True if text is UTF-8 without control characters: it goes to terminals and into the record.
 static bool is_printable(const char* text)
 {
@@ -153,6 +197,7 @@ static bool is_new(daemon_t* d, const ipe_command_t* command, answer_t* a)
     (void)clock_gettime(CLOCK_REALTIME, &now);
     const int64_t now_ns = (int64_t)now.tv_sec * NS_PER_S + now.tv_nsec;
     const int limit = (int)(IPE_COMMAND_AGE_MAX / NS_PER_S);
+    if (d->replay.is_lock_step) { return true; }  // its stamps are data time
     switch (ipe_command_guard_check(&d->command_guard, command, now_ns)) {
     case IPE_COMMAND_OLD:
         d->n_commands_old++;
@@ -183,14 +228,15 @@ static answer_t execute(daemon_t* d, const ipe_command_t* command)
     case IPE_COMMAND_TARE: return tare(d);
     case IPE_COMMAND_CONFIGURE: return configure(d, command);
     case IPE_COMMAND_MARK: return mark(command->text);
+    case IPE_COMMAND_EXPECT: return expect(d, command);
     default: return answer(false, "unknown kind of command: %d", command->kind);
     }
 }
 
 static const char* name_of(int kind)
 {
-    static const char* const NAME[] = {"command", "freeze", "resume", "reset", "tare", "configure", "mark"};
-    return NAME[kind >= IPE_COMMAND_FREEZE && kind <= IPE_COMMAND_MARK ? kind : 0];
+    static const char* const NAME[] = {"command", "freeze", "resume", "reset", "tare", "configure", "mark", "expect"};
+    return NAME[kind >= IPE_COMMAND_FREEZE && kind <= IPE_COMMAND_EXPECT ? kind : 0];
 }
 
 void command_handler_execute(daemon_t* d, const ipe_inbox_item_t* item)

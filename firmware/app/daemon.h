@@ -60,6 +60,7 @@ typedef struct {
     ipe_message_limit_t command_limit;  ///< of refusals on stderr
     ipe_pipeline_t pipelines[2];
     ipe_pipeline_t* pipeline;           ///< the one in use; the other is where a new configuration is tried
+    ipe_announcement_t announcement;    ///< used by the pipeline while a payload is expected
     ipe_rest_detector_t rest;
     ipe_publish_t publisher;
     bool is_recording;
@@ -101,6 +102,7 @@ typedef struct {
     int n_facts_ticks;                     ///< until HOST is sent again
     int n_ticks;                           ///< since the last checkpoint
     uint64_t n_changes_reported;           ///< payload changes
+    ipe_announcement_state_t announcement_reported;
     double force_delay_reported;           ///< s
     bool is_misfit_reported;
     bool is_widening_reported;

@@ -36,7 +36,11 @@ void health_count_input(daemon_t* d)
     ipe_counters_clear(&d->counters);
     count_buses(d);
     for (unsigned k = 0;
-         d->replay.has_tracker && (cause = ipe_source_tracker_file_counter(&d->replay.tracker, k, &value)) != NULL;
+         d->replay.is_lock_step && (cause = ipe_lock_step_counter(&d->replay.lock_step, k, &value)) != NULL; ++k) {
+        ipe_counters_add(&d->counters, "lock_step", cause, value);
+    }
+    for (unsigned k = 0; d->replay.has_tracker && !d->replay.is_lock_step &&
+                         (cause = ipe_source_tracker_file_counter(&d->replay.tracker, k, &value)) != NULL;
          ++k) {
         ipe_counters_add(&d->counters, "tracker", cause, value);
     }

@@ -13,14 +13,13 @@
 
 enum { STATUS_GOOD = 0, STATUS_NOT_WRITTEN = 1, STATUS_USAGE = 2, STATUS_RETRY = 3 };
 
-/// Where stdin, stdout or stderr is closed, the next file opened would take its place, and messages would go into it.
+/// Where stdin, stdout or stderr is closed, the next file opened would take its place, and messages would go into it. Who
+/// reads stdin or writes stdout then gets an error.
 static void fill_standard_descriptors(void)
 {
-    int fd;
-    do {
-        fd = open("/dev/null", O_WRONLY);
-    } while (fd >= 0 && fd < STDERR_FILENO);
-    if (fd > STDERR_FILENO) { (void)close(fd); }
+    for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; ++fd) {
+        if (fcntl(fd, F_GETFD) < 0) { (void)open("/dev/null", fd == STDOUT_FILENO ? O_RDONLY : O_WRONLY); }
+    }
 }
 
 static int status_of_refusal(const daemon_t* d)

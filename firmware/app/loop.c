@@ -78,6 +78,13 @@ static void replay_frame(daemon_t* d, const ipe_frame_t* frame)
     if (arrival_ns != 0) { ipe_histogram_push(&d->decoded, ipe_host_clock_now(&d->clock) - arrival_ns); }
 }
 
+static void replay_command(daemon_t* d)
+{
+    const ipe_lock_step_t* l = &d->replay.lock_step;
+    const ipe_inbox_item_t item = {.command = l->command, .data = l->message, .n = l->n_message};
+    command_handler_execute(d, &item);
+}
+
 /// Use one item of the recorded input. False: the next one is not there yet, or there is none.
 static bool replay_item(daemon_t* d)
 {
@@ -88,6 +95,7 @@ static bool replay_item(daemon_t* d)
         ipe_publish_position(&d->publisher, item.position->t_ns, item.position->position);
         data_path_position(d, item.position->t_ns, item.position->position, replay_arrival(d));
         return true;
+    case IPE_REPLAY_COMMAND: replay_command(d); return true;
     case IPE_REPLAY_WAIT:
         if (wait_for_input(d, item.fd)) { return false; }
         ipe_replay_fill(&d->replay);

@@ -243,6 +243,21 @@ static void report_change(daemon_t* d)
     ipe_publish_event(&d->publisher, d->last_row_ns, "detect", "payload changed");
 }
 
+static void report_announcement(daemon_t* d)
+{
+    static const char* const TEXT[] = {
+        [IPE_ANNOUNCEMENT_CONTACT] = "the announced payload is coming into contact",
+        [IPE_ANNOUNCEMENT_TAKEN] = "the announced payload is taken",
+        [IPE_ANNOUNCEMENT_OTHER] = "a payload of another mass than announced is taken: it is estimated anew",
+        [IPE_ANNOUNCEMENT_FAILED] = "the contact is none of the announced payload: the estimate goes on without it",
+        [IPE_ANNOUNCEMENT_MISSED] = "the announced payload did not come",
+    };
+    const ipe_announcement_state_t state = d->announcement.state;
+    if (state == d->announcement_reported) { return; }
+    d->announcement_reported = state;
+    if (state >= IPE_ANNOUNCEMENT_CONTACT) { ipe_publish_event(&d->publisher, d->last_row_ns, "expect", TEXT[state]); }
+}
+
 static void report_force_delay(daemon_t* d)
 {
     const double delay = d->pipeline->estimator.force_delay;
@@ -285,6 +300,15 @@ static void report_widening(daemon_t* d)
     ipe_publish_event(&d->publisher, d->last_row_ns, "misfit", text);
 }
 
+/// Once a second: of real time, in lock-step of data time.
+static void tick(daemon_t* d)
+{
+    memset(d->n_state_events, 0, sizeof d->n_state_events);
+    if (d->option.checkpoint == NULL || ++d->n_ticks < CHECKPOINT_TICKS) { return; }
+    d->n_ticks = 0;
+    ipe_checkpoint_save(&d->checkpoint, d->pipeline);
+}
+
 /// Once a second of data time; not at the first call, when there is nothing to compare with.
 static void check_second(daemon_t* d, int64_t t_ns)
 {
@@ -295,6 +319,7 @@ static void check_second(daemon_t* d, int64_t t_ns)
         for (int i = 0; i < d->config.n_cables; ++i) { report_unknown_force(d, i); }
         report_widening(d);
         health_send(d, t_ns);
+        if (d->replay.is_lock_step) { tick(d); }
     }
     d->health_due_ns = t_ns + NS_PER_S;
 }
@@ -303,6 +328,7 @@ void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
     report_change(d);
+    report_announcement(d);
     report_force_delay(d);
     report_misfit(d);
     check_second(d, frame->t_ns);
@@ -342,14 +368,10 @@ void monitor_second(daemon_t* d)
 {
     monitor_clock(d);
     report_losses(d);
-    memset(d->n_state_events, 0, sizeof d->n_state_events);
     if (d->n_interfaces > 0) { check_sensors(d, daemon_now(d)); }
     if (d->n_facts_ticks > 0) { d->n_facts_ticks--; }
     check_invariants(d);
-    if (d->option.checkpoint != NULL && ++d->n_ticks >= CHECKPOINT_TICKS) {
-        d->n_ticks = 0;
-        ipe_checkpoint_save(&d->checkpoint, d->pipeline);
-    }
+    tick(d);
     if (!d->was_health_sent) {
         ipe_publish_flush(&d->publisher);
         health_send(d, daemon_now(d));
@@ -362,6 +384,7 @@ void monitor_second(daemon_t* d)
 void monitor_end(daemon_t* d)
 {
     report_change(d);
+    report_announcement(d);
     report_misfit(d);
     report_losses(d);
 }

@@ -42,7 +42,8 @@ static const char USAGE[] =
     "\n"
     "exit status:\n"
     "  0  end of the input, or a signal such as SIGTERM\n"
-    "  1  estimate, checkpoint or the record of a replay was not written, or no frame of a log belongs to a signal\n"
+    "  1  estimate, checkpoint or the record of a replay was not written, or no frame of a log belongs to a signal; with\n"
+    "     --lock-step: nobody took the answers, or stdin had no line of use\n"
     "  2  options or files are unusable\n"
     "  3  cannot start now, may be able to later: record or checkpoint cannot be written or another daemon holds it, another\n"
     "     daemon uses the channels, LCM has no network\n"
@@ -155,11 +156,8 @@ options_result_t options_read(options_t* o, int argc, char** argv)
         {NULL, 0, NULL, 0},
     };
     int letter;
-    *o = (options_t){.lcm = "udpm://239.255.76.67:7667?ttl=0",
-                     .lcm_prefix = "INERTIAD_",
-                     .commands = IPE_INBOX_ORIGIN_HOST,
-                     .cpu = -1,
-                     .collect = COLLECT_DEFAULT};
+    *o = (options_t){
+        .lcm_prefix = "INERTIAD_", .commands = IPE_INBOX_ORIGIN_HOST, .cpu = -1, .collect = COLLECT_DEFAULT};
     while ((letter = getopt_long(argc, argv, ":hv", LONG, NULL)) != -1) {
         if (letter == 'h') { return print(USAGE); }
         if (letter == 'V') { return print("inertiad " INERTIAD_VERSION "\n"); }
@@ -167,10 +165,10 @@ options_result_t options_read(options_t* o, int argc, char** argv)
     }
     if (optind < argc) { return refuse(argv[optind], "belongs to no option"); }
     if (o->config == NULL) { return refuse("--config", "missing"); }
-    if (o->is_lock_step && (o->n_buses > 0 || o->tracker != NULL)) {
-        return refuse("--lock-step", "stands for --bus and --tracker, which cannot be given as well");
+    if (o->is_lock_step && (o->n_buses > 0 || o->tracker != NULL || o->lcm != NULL)) {
+        return refuse("--lock-step", "stands for --bus, --tracker and --lcm, which cannot be given as well");
     }
-    if (o->is_lock_step) { o->lcm = "none"; }
+    if (o->lcm == NULL) { o->lcm = o->is_lock_step ? "none" : "udpm://239.255.76.67:7667?ttl=0"; }
     if (o->n_buses == 0 && !o->is_lock_step) { return refuse("--bus", "missing"); }
     return OPTIONS_RUN;
 }

@@ -84,3 +84,23 @@ void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], dou
     fit->log_likelihood_ratio = 0.5 * (explained - penalty);
     fit->first_moments = length_of_first((const double (*)[IPE_NP])A, x);
 }
+
+void ipe_body_step_along(const ipe_body_step_t* s, const double d[IPE_NP], double scale, ipe_body_step_fit_t* fit,
+                         double* share, double* share_std)
+{
+    double information = 0.0, projected = 0.0;
+    for (int p = 0; p < IPE_NP; ++p) {
+        for (int q = 0; q < p; ++q) { information += 2.0 * d[p] * s->information[p][q] * d[q]; }
+        information += d[p] * s->information[p][p] * d[p];
+        projected += d[p] * s->projected[p];
+    }
+    const double best = projected / (information + scale);
+    fit->remaining = fmax(s->square - best * (2.0 * projected - best * information), 0.0);
+    fit->misfit = fit->remaining / fmax(IPE_NY * s->n_windows - 1, 1.0);
+    const double noise = fmax(fit->misfit, scale);
+    *share = projected / (information + noise);
+    *share_std = sqrt(noise / (information + noise));
+    for (int p = 0; p < IPE_NP; ++p) { fit->theta[p] = *share * d[p]; }
+    fit->log_likelihood_ratio = 0.5 * (*share * projected / noise - log(1.0 + information / noise));
+    fit->first_moments = *share * *share * information / noise;
+}

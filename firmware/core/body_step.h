@@ -43,4 +43,11 @@ bool ipe_body_step_add(ipe_body_step_t* s, const double Y[IPE_NY][IPE_NP], const
 /// window.
 void ipe_body_step_solve(const ipe_body_step_t* s, const double std[IPE_NP], double scale, ipe_body_step_fit_t* fit);
 
+/// The same for a step of known direction d [10] and unknown size: share times d, share ~ N(0, 1) beforehand. first_moments
+/// is then the squared Mahalanobis length of the whole step.
+///
+///   share, share_std  out  0 and 1 where the windows say nothing about d
+void ipe_body_step_along(const ipe_body_step_t* s, const double d[IPE_NP], double scale, ipe_body_step_fit_t* fit,
+                         double* share, double* share_std);
+
 #endif

@@ -184,8 +184,7 @@ static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe
     follow_step(d, w, payload_std);
     if (knows_noise(d, w) && is_won(d, w, payload_std)) {
         ++d->n_changes;
-        d->n_since_change = 0;
-        ipe_change_detector_restart(d);
+        ipe_change_detector_restart_after_change(d);
         return IPE_CHANGE_DETECTOR_CHANGE;
     }
     if (d->n_calm >= d->n_restless) {
@@ -213,6 +212,23 @@ ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d,
     if (is_suspected || d->n_contest > 0) { return compete(d, w, payload_std); }
     learn_level(d, w->nis);
     return IPE_CHANGE_DETECTOR_USE;
+}
+
+bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, const ipe_body_step_t* step,
+                                    const ipe_body_step_fit_t* fit)
+{
+    return is_evident(fit, step, d->level, SUDDEN_EVIDENCE);
+}
+
+double ipe_change_detector_scale(const ipe_change_detector_t* d)
+{
+    return fmax(1.0, d->level);
+}
+
+void ipe_change_detector_restart_after_change(ipe_change_detector_t* d)
+{
+    d->n_since_change = 0;
+    ipe_change_detector_restart(d);
 }
 
 bool ipe_change_detector_is_contested(const ipe_change_detector_t* d)

@@ -72,6 +72,17 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
 ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
                                                        const double payload_std[IPE_NP]);
 
+/// Does this step of a body explain its windows, and far better than none, as a sudden change must?
+bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, const ipe_body_step_t* step,
+                                    const ipe_body_step_fit_t* fit);
+
+/// Noise scale that steps are solved with, ipe_body_step_solve().
+double ipe_change_detector_scale(const ipe_change_detector_t* d);
+
+/// A change that was found elsewhere begins, or goes on: the contest that runs is over, and a suspicion within the next second
+/// is the same change.
+void ipe_change_detector_restart_after_change(ipe_change_detector_t* d);
+
 /// A contest runs.
 bool ipe_change_detector_is_contested(const ipe_change_detector_t* d);
 

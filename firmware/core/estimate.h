@@ -44,6 +44,7 @@ typedef struct {
     uint64_t n_changes;      ///< payload changes noticed so far
     uint32_t unknown_force;  ///< bit i: cable i's sensor has failed, the last window went on without it
     double sigma_factor;     ///< by which misfit widened the sigmas, at least 1: misfit_score.h, change_detector.h
+    bool is_provisional;     ///< an announced payload is coming into contact, announcement.h
     bool is_misfit;  ///< held: neither this body nor another explains the windows of the last 5 s; the sigmas are wider
 } ipe_estimate_t;
 

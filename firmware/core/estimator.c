@@ -151,16 +151,34 @@ static void learn_noise(ipe_estimator_t* e, int n_unknown, double innovation[IPE
     ipe_noise_push(&e->noise, innovation, S);
 }
 
-/// A new payload: theta may be anything the robot can carry; what is known of the sensors stays. A known pose is new again.
-static void loosen_theta(ipe_estimator_t* e, const ipe_config_t* config)
+/// A new payload, of which this much is not known; what is known of the sensors stays. A known pose is new again.
+static void loosen_theta(ipe_estimator_t* e, const double std[IPE_NP])
 {
-    double std[IPE_NP];
-    ipe_prior_payload_std(config, std);
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&e->rls, i, std[i] * std[i]); }
     memset(&e->eiv_correction, 0, sizeof e->eiv_correction);
     ipe_noise_restart(&e->noise);
     ipe_misfit_score_restart(&e->misfit_score);
     ipe_pose_dwell_restart(&e->pose_dwell);
+}
+
+/// Theta may be anything the robot can carry.
+static void loosen_to_any_payload(ipe_estimator_t* e, const ipe_config_t* config)
+{
+    double std[IPE_NP];
+    ipe_prior_payload_std(config, std);
+    loosen_theta(e, std);
+}
+
+void ipe_estimator_move(ipe_estimator_t* e, const ipe_config_t* config, const double step[IPE_NP],
+                        const double std[IPE_NP])
+{
+    for (int i = 0; i < IPE_NP; ++i) { e->rls.x[i] += step[i]; }
+    if (std == NULL) {
+        loosen_to_any_payload(e, config);
+    } else {
+        loosen_theta(e, std);
+    }
+    ipe_change_detector_restart_after_change(&e->change_detector);
 }
 
 /// Neither body explains the window: the noise is larger than learnt, but one window says only so much about it.
@@ -182,6 +200,28 @@ static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
     if (++e->n_excited % PRIOR_INTERVAL == 0) {
         ipe_prior_fold(config, &e->filter_states, sqrt(1.0 - pow(lambda, PRIOR_INTERVAL)), &e->rls);
     }
+}
+
+ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                                    ipe_body_step_t* sums)
+{
+    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX], Y[IPE_NY][IPE_NP];
+    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY] = {{0.0}};
+    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_NOT_READY; }
+    const ipe_status_t status = build_equations(e, config, average, H, by_offset);
+    if (status != IPE_OK) { return status; }
+    ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
+    const double shorter = fmax(1.0, config->window_length / average->length);
+    for (int i = 0; i < IPE_NY; ++i) {
+        // an average's white noise by 1 / length, that of a slope by 1 / length^3
+        const double scale = sqrt(i < 3 ? shorter : shorter * shorter * shorter);
+        for (int k = 0; k <= i; ++k) { L[i][k] = scale * e->noise.L[i][k]; }
+        memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]);
+    }
+    ipe_body_step_start(sums);
+    const bool is_good = ipe_body_step_add(sums, (const double (*)[IPE_NP])Y, innovation, (const double (*)[IPE_NY])S,
+                                           (const double (*)[IPE_NY])L);
+    return is_good ? IPE_OK : IPE_ERR_NONFINITE;
 }
 
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
@@ -213,7 +253,7 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
         learn_noise_of_misfit(e, innovation, (const double (*)[IPE_NY])S);
         return IPE_OK;
     }
-    if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_theta(e, config); }
+    if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_to_any_payload(e, config); }
     if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
     ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_CABLES_MAX])by_offset, average->f,
                                            innovation, (const double (*)[IPE_NY])S,
@@ -275,7 +315,9 @@ static void read_systematic(const ipe_estimator_t* e, const ipe_config_t* config
     estimate->systematic[IPE_XI_FORCE_DELAY] += e->force_delay;
 }
 
-ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+/// Publish the states, moved by step +- std [10] unless that is NULL.
+static ipe_status_t publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns, const double* step,
+                            const double* std)
 {
     ipe_solution_t solution;
     ipe_body_t prior;
@@ -284,9 +326,14 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
                             .n_rows = e->n_rows,
                             .nis = e->nis,
                             .n_changes = e->change_detector.n_changes,
+                            .is_provisional = step != NULL,
                             .is_misfit = ipe_change_detector_is_misfit(&e->change_detector),
                             .unknown_force = e->unknown_force};
     ipe_estimator_solution(e, config, &solution);
+    for (int i = 0; i < IPE_NP && step != NULL; ++i) {
+        solution.theta[i] += step[i];
+        solution.covariance[i][i] += std[i] * std[i];
+    }
     found.sigma_factor = sqrt(solution.inflation);
     ipe_estimate_prior_body(config, &prior);
     const ipe_status_t status = ipe_estimate_publish(config, &solution, &prior, NULL, &found);
@@ -297,4 +344,15 @@ ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* confi
     read_systematic(e, config, &found);
     e->estimate = found;
     return IPE_OK;
+}
+
+ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+{
+    return publish(e, config, t_ns, NULL, NULL);
+}
+
+ipe_status_t ipe_estimator_publish_moved(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                                         const double step[IPE_NP], const double std[IPE_NP])
+{
+    return publish(e, config, t_ns, step, std);
 }

@@ -80,6 +80,22 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
 /// IPE_OK; IPE_ERR_NONFINITE: a value is not finite or no body is near, counted, e->estimate as it was.
 ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
 
+/// The same of a body that differs from the states' by step +- std [10], about the IMU; marked as provisional.
+ipe_status_t ipe_estimator_publish_moved(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                                         const double step[IPE_NP], const double std[IPE_NP]);
+
+/// Sums of one window, shorter than the estimator's own, for body_step.h: its innovation under the present states, which stay
+/// as they are. The noise learnt is that of the own windows; that of a shorter one is larger.
+///
+/// IPE_OK; IPE_NOT_READY: the noise is not known yet; IPE_ERR_*: refused as by ipe_estimator_update().
+ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                                    ipe_body_step_t* sums);
+
+/// The body is another one now: theta moves by step [10] about the IMU, loosened by std [10]; NULL: as by any change of
+/// payload. What is known of the sensors stays.
+void ipe_estimator_move(ipe_estimator_t* e, const ipe_config_t* config, const double step[IPE_NP],
+                        const double std[IPE_NP]);
+
 /// Theta and P about the IMU with all that ipe_estimate_publish() needs.
 void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config, ipe_solution_t* solution);
 

@@ -463,6 +463,7 @@ static void start_position(ipe_motion_stage_t* m, const double x[3])
         }
     }
     ++m->n_starts;
+    m->settled_ns = m->t_ns;
     m->gate2 = HUGE_VAL;
     m->epoch_ns = m->t_ns;
     clear_sums(m);
@@ -495,7 +496,6 @@ static void start(ipe_motion_stage_t* m, const ipe_row_t* row)
     set_error(m);
     ipe_noise_density_restart(&m->noise);
     m->is_running = true;
-    m->settled_ns = m->t_ns;
     m->n_refused_row = 0;
 }
 
@@ -680,11 +680,10 @@ static bool is_known(const ipe_motion_stage_t* m, double times)
            variance < square(times * SETTLED_SCALE);
 }
 
-/// May rows be used? After SETTLE_TIME less and less is asked for, lest a platform that vibrates has no estimate: the filter
-/// counts the error that is left.
-static bool is_settled(ipe_motion_stage_t* m)
+/// May rows be used? After SETTLE_TIME with positions less and less is asked for, lest a platform that vibrates has no
+/// estimate: the filter counts the error that is left.
+static bool is_settled(const ipe_motion_stage_t* m)
 {
-    if (is_known(m, 1.0)) { m->settled_ns = m->t_ns; }
     const double waited = 1e-9 * (double)(m->t_ns - m->settled_ns);
     return is_known(m, fmax(1.0, waited / SETTLE_TIME));
 }
@@ -715,7 +714,9 @@ ipe_status_t ipe_motion_push(ipe_motion_stage_t* m, const ipe_row_t* row, ipe_mo
     const int64_t since_ns = m->t_ns - m->epoch_ns;
     m->is_epoch_new = since_ns > 0 && since_ns >= EPOCH_NS - (m->t_ns - before_ns) / 2;
     if (m->is_epoch_new) { end_epoch(m, row->q); }
-    if (!has_position && !is_carried(m)) {
+    const bool is_lost = !has_position && !is_carried(m);
+    if (is_lost || is_known(m, 1.0)) { m->settled_ns = m->t_ns; }  // an outage settles nothing, however long it is
+    if (is_lost) {
         m->n_no_position += row->has_force;
         return IPE_IGNORED;
     }

@@ -90,6 +90,12 @@ static bool is_whole(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, c
     return e->verdict <= l->verdict_max && is_observable(e, false) && is_sharp(l, body, false);
 }
 
+/// Is it one of those while an announced payload comes into contact? All is known but how much of it is carried so far.
+static bool is_in_contact(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, const ipe_body_t* body)
+{
+    return e->verdict >= CARE && is_observable(e, false) && is_sharp(l, body, false);
+}
+
 /// Do n values agree, each within so many standard deviations of their difference?
 static bool agree(const double* a, const double* a_std, const double* b, const double* b_std, int n, double sigmas)
 {
@@ -158,12 +164,11 @@ static double distance(const double a[IPE_NP], const double b[IPE_NP])
 }
 
 /// Time of a transition from theta to another body, s: what is left of the one under way, or the new part's share of the
-/// whole time if that is longer.
-static double time_of(const ipe_parameter_gate_t* g, const double theta[IPE_NP], const double to[IPE_NP],
+/// whole time T if that is longer; at most T.
+static double time_of(const ipe_parameter_gate_t* g, double T, const double theta[IPE_NP], const double to[IPE_NP],
                       int64_t now_ns)
 {
-    const double T = g->limits.transition_time,
-                 left = g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time));
+    const double left = fmin(T, g->now.time * (1.0 - share(g->now.begin_ns, now_ns, g->now.time)));
     const double way = distance(theta, to), more = distance(g->now.to, to);
     return fmax(left, more < way ? T * more / way : T);
 }
@@ -191,6 +196,15 @@ static void publish(ipe_parameter_gate_t* g)
     g->writing = __atomic_exchange_n(&g->middle, (unsigned char)(g->writing | NEW), __ATOMIC_ACQ_REL) & 3U;
 }
 
+/// The nominal body is no longer there: an estimate in use stays. A fall-back that has begun ends, lest theta jumps.
+static void leave_nominal(ipe_parameter_gate_t* g, ipe_gate_source_t source)
+{
+    g->was_changed = true;
+    if (source != IPE_GATE_LIVE && source != IPE_GATE_LAST_GOOD) { return; }
+    g->now.keeps = true;
+    publish(g);
+}
+
 ipe_gate_limits_t ipe_parameter_gate_default(void)
 {
     return (ipe_gate_limits_t){.mass_std = 0.02,
@@ -199,6 +213,7 @@ ipe_gate_limits_t ipe_parameter_gate_default(void)
                                .verdict_max = 1,
                                .age_max = 1.0,
                                .transition_time = 0.5,
+                               .change_time = 0.02,
                                .step_sigmas = 6.0,
                                .n_return = 5};
 }
@@ -208,7 +223,8 @@ ipe_status_t ipe_parameter_gate_init(ipe_parameter_gate_t* g, const ipe_gate_lim
 {
     const ipe_gate_limits_t* l = limits;
     const bool is_good = l->mass_std > 0.0 && l->cog_std > 0.0 && l->inertia_std > 0.0 && l->age_max > 0.0 &&
-                         l->transition_time >= 0.0 && l->step_sigmas > 0.0 && l->n_return >= 1 && l->verdict_max >= 1;
+                         l->transition_time >= 0.0 && l->change_time >= 0.0 && l->step_sigmas > 0.0 &&
+                         l->n_return >= 1 && l->verdict_max >= 1;
     if (!is_good || !ipe_consistency_check(nominal)) { return IPE_ERR_RANGE; }
     memset(g, 0, sizeof *g);
     g->limits = *limits;
@@ -237,6 +253,7 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
         g->is_returning |= has_restarted;
         if (has_restarted || g->known_n_changes < 0) { g->known_n_changes = e->n_changes, g->is_changed = false; }
         g->is_changed |= e->n_changes != g->known_n_changes;
+        if (e->n_changes > 0 && !g->was_changed) { leave_nominal(g, before.source); }
     }
     const bool is_break = has_restarted || seconds(now_ns - g->acceptable_ns) > g->limits.age_max;
     g->n_in_a_row = reason != IPE_GATE_TAKEN ? 0 : is_break ? 1 : g->n_in_a_row + 1;
@@ -248,11 +265,12 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     if (reason != IPE_GATE_TAKEN) { return reason; }
     double theta[IPE_NP];
     memcpy(theta, e->theta, sizeof theta);
-    if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(g->now.to, theta); }
-    g->now.time = is_live ? time_of(g, before.theta, theta, now_ns) : g->limits.transition_time;
+    if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(is_live ? g->now.to : before.theta, theta); }
+    const double T =
+        g->is_changed && is_in_contact(&g->limits, e, &body) ? g->limits.change_time : g->limits.transition_time;
+    g->now.time = is_live ? time_of(g, T, before.theta, theta, now_ns) : T;
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, theta, sizeof theta);
-    g->was_changed |= e->n_changes != g->known_n_changes;
     g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true, g->now.keeps = g->was_changed;
     g->last = body, g->known_n_changes = e->n_changes;
     g->is_changed &= !is_whole(&g->limits, e, &body);

@@ -11,9 +11,13 @@
 ///   the daemon began again       theta stays; live ones after n_return acceptable estimates in a row
 ///   none is taken for age_max    the fall-back: nominal parameters, or the last good ones, as chosen; then as at start
 ///   a payload change announced   the parameters in use are wrong from there on, and the fall-back is no longer the nominal
-///                                body: that one is gone. Taken is the first estimate that agrees with the one of the window
-///                                before it. Until all its parameters are sharp again only the mass must be, and as
-///                                long as the inertia about the CoG is not, that of the parameters in use is kept
+///                                body: that one is gone, whether the gate was told of the change or began after it; the
+///                                last good ones stay (a fall-back that has begun ends). Taken is the first estimate that
+///                                agrees with the one of the window before it. Until all its parameters are sharp again
+///                                only the mass must be, and as long as the inertia about the CoG is not, that of the
+///                                parameters in use is kept
+///   an announced payload         (COMMAND EXPECT) the same, but all parameters stay sharp and the verdict is care while it comes
+///                                into contact: theta follows within change_time
 ///
 /// theta(t) = (1 - x) theta_0 + x theta_1, x from 0 to 1: the pseudo-inertia is linear in theta, and positive definite
 /// matrices are a convex set, so every body on the way can exist when both ends can. Mass, CoG and inertia change together.
@@ -57,6 +61,7 @@ typedef struct {
     int verdict_max;         ///< of ESTIMATE: 1 good, 2 care; after an announced change 2
     double age_max;          ///< s
     double transition_time;  ///< s
+    double change_time;      ///< s, the same while an announced payload comes into contact
     double step_sigmas;      ///< of the difference of two estimates between which no payload changed
     int n_return;            ///< acceptable estimates in a row before the first one is taken
     bool keep_last_good;     ///< the fall-back; false: nominal parameters
@@ -101,7 +106,7 @@ typedef struct {
     ipe_body_t last;          ///< taken
     int64_t known_n_changes;  ///< payload changes that the parameters in use contain; -1: nothing was offered yet
     bool is_changed;          ///< a change was announced since the last one whose parameters were all sharp
-    bool was_changed;         ///< one was taken: the nominal body is no longer there
+    bool was_changed;         ///< one was announced: the nominal body is no longer there
     ipe_body_t previous;      ///< acceptable, of the window before
     int64_t previous_t_ns, previous_n_changes;
     int64_t last_sequence, last_t_ns;  ///< offered
@@ -111,7 +116,7 @@ typedef struct {
     uint64_t n[IPE_GATE_REASONS];      ///< estimates by what became of them
 } ipe_parameter_gate_t;
 
-/// Limits for a start: mass to 2 %, CoG to 20 mm, inertia to 20 %, verdict good, age 1 s, transition 0.5 s, 6 sigmas,
+/// Limits for a start: mass to 2 %, CoG to 20 mm, inertia to 20 %, verdict good, age 1 s, transition 0.5 s, during an announced contact 0.02 s, 6 sigmas,
 /// 5 estimates in a row, fall-back nominal.
 ipe_gate_limits_t ipe_parameter_gate_default(void);
 
@@ -119,7 +124,7 @@ ipe_gate_limits_t ipe_parameter_gate_default(void);
 ///
 ///   nominal  theta about P, P axes
 ///
-/// IPE_OK; IPE_ERR_RANGE: a limit is not positive (transition_time may be 0), or nominal is no body that can exist; the
+/// IPE_OK; IPE_ERR_RANGE: a limit is not positive (transition_time and change_time may be 0), or nominal is no body that can exist; the
 /// gate must not be used then.
 ipe_status_t ipe_parameter_gate_init(ipe_parameter_gate_t* g, const ipe_gate_limits_t* limits,
                                      const double nominal[IPE_NP]);

@@ -140,6 +140,26 @@ static void undelay_forces(ipe_pipeline_t* p)
     restart_windows(p);
 }
 
+/// An announced payload comes into contact, or did. True: the estimate is new.
+static bool follow_contact(ipe_pipeline_t* p, int64_t t_ns, const ipe_motion_t* motion, const ipe_wrench_t* wrench)
+{
+    ipe_announcement_t* a = p->announcement;
+    const ipe_status_t status = ipe_announcement_push(a, &p->estimator, &p->config, t_ns, motion, wrench);
+    if (a->state == IPE_ANNOUNCEMENT_WAITS || a->state == IPE_ANNOUNCEMENT_CONTACT) { return status == IPE_OK; }
+    p->n_announced_taken += a->state == IPE_ANNOUNCEMENT_TAKEN;
+    p->n_announced_other += a->state == IPE_ANNOUNCEMENT_OTHER;
+    p->n_announced_failed += a->state == IPE_ANNOUNCEMENT_FAILED;
+    p->n_announced_missed += a->state == IPE_ANNOUNCEMENT_MISSED;
+    if (a->state == IPE_ANNOUNCEMENT_TAKEN || a->state == IPE_ANNOUNCEMENT_OTHER) { restart_windows(p); }
+    p->announcement = NULL;
+    return status == IPE_OK;
+}
+
+static bool is_in_contact(const ipe_pipeline_t* p)
+{
+    return p->announcement != NULL && p->announcement->state == IPE_ANNOUNCEMENT_CONTACT;
+}
+
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
 {
     ipe_motion_t motion;
@@ -156,6 +176,11 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
     p->estimator.n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_estimator_restart_windows(&p->estimator); }
+    if (p->announcement != NULL && !p->is_frozen && follow_contact(p, row->t_ns, &motion, &wrench)) {
+        if (estimate != NULL) { *estimate = p->estimator.estimate; }
+        return IPE_OK;
+    }
+    if (is_in_contact(p)) { return IPE_IGNORED; }          // its window would be one of two bodies
     if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
     status = ipe_cable_inertia_add(&p->config, &average);  // the cables' own inertia
     if (status != IPE_OK) { return status; }
@@ -192,8 +217,14 @@ void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen)
 void ipe_pipeline_reset(ipe_pipeline_t* p)
 {
     const bool had_delay = p->estimator.force_delay != 0.0;
+    p->announcement = NULL;
     ipe_estimator_reset(&p->estimator, &p->config);
     if (had_delay) { undelay_forces(p); }
+}
+
+void ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a)
+{
+    p->announcement = a;
 }
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])

@@ -9,6 +9,7 @@
 #define IPE_PIPELINE_H
 
 #include "align.h"
+#include "announcement.h"
 #include "clock.h"
 #include "config.h"
 #include "decode.h"
@@ -36,8 +37,10 @@ typedef struct {
     ipe_wrench_stage_t wrench;
     ipe_window_t window;
     ipe_estimator_t estimator;
-    bool is_frozen;     ///< windows do not reach the estimator
-    uint64_t n_frozen;  ///< windows that did not reach the estimator while it was frozen
+    ipe_announcement_t* announcement;  ///< the caller's, NULL: none
+    uint64_t n_announced_taken, n_announced_other, n_announced_failed, n_announced_missed;
+    bool is_frozen;                    ///< windows do not reach the estimator
+    uint64_t n_frozen;                 ///< windows that did not reach the estimator while it was frozen
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.
@@ -78,6 +81,10 @@ void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen);
 /// Forget what was learnt and start from the prior; samples, clocks and open windows stay. The counters of filter, noise
 /// and change detector begin again at 0.
 void ipe_pipeline_reset(ipe_pipeline_t* p);
+
+/// Expect an announced payload; a, from ipe_announcement_init(), is used until it has come or was missed, and replaces the one
+/// before. NULL: expect none any more. A reset forgets it.
+void ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a);
 
 /// From the next row on use this gyro bias [3], I axes, rad/s; the open windows are thrown away.
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3]);

@@ -96,25 +96,23 @@ static int enough(const ipe_sample_timing_t* p)
 }
 
 /// No sample is stamped before its time. Samples that are all late by the same number of periods, or sometimes by more, show
-/// that so many were lost. Number of samples that agree; 0: not enough yet.
+/// that so many were lost. More are lost where as many in a row as chance does not make are late by more. Number of samples
+/// that agree; 0: not enough yet.
 static int agreeing(ipe_sample_timing_t* p, double late)
 {
     const double n = fmin(round(late / p->period), INT_MAX);
     const bool is_whole = fabs(late - n * p->period) < WHOLE * p->period || n > COUNTABLE;
     const int missing = (int)n;
-    if (p->n_waiting == 1 || missing < p->n_missing) {
-        p->n_missing = missing;
+    if (p->n_waiting == 1 || missing < p->n_missing || p->n_same >= enough(p)) {
+        const bool is_more = p->n_waiting > 1 && missing > p->n_missing && p->last_missing > p->n_missing;
+        p->n_missing = is_more && p->last_missing < missing ? p->last_missing : missing;
         p->n_since = p->n_agree = p->n_same = 0;
     }
-    p->n_same = !is_whole ? 0 : missing == p->last_missing ? p->n_same + 1 : 1;
     p->last_missing = missing;
+    p->n_same = missing > p->n_missing ? p->n_same + 1 : 0;
     ++p->n_since;
     p->n_agree += is_whole && missing == p->n_missing;
     if (missing == 0 || p->n_since < enough(p)) { return 0; }
-    if (p->n_same >= enough(p)) {
-        p->n_missing = missing;
-        p->n_since = p->n_agree = p->n_same;
-    }
     return missing == p->n_missing && is_whole && p->n_agree >= AGREE ? p->n_since : 0;
 }
 

@@ -5,7 +5,8 @@
 /// Numbers come from the sensor's counter, or samples are counted; a gap without counter may be lost samples or late
 /// ones; only the samples that follow decide it. Until then the samples are held:
 ///   stamps come back to the line                          they were late, none is missing
-///   four or more are late by the same number of periods   so many samples were lost: more, where stamps are seldom prompt
+///   four or more are late by the same number of periods   so many samples were lost: more, where stamps are seldom prompt,
+///                                                         or where more are lost meanwhile
 ///   a stamp is before its line                            fewer were lost than that
 ///   neither within 1 s and 64 samples                     the sensor changed its period or phase: measured again
 /// A sample whose instant cannot be determined is dropped and counted. 120 B of state beside the clock, one thread.
@@ -24,7 +25,7 @@ typedef struct {
     int n_since;          ///< so many of them,
     int n_agree;          ///< of these so many are late by just that;
     int last_missing;     ///< the same for the newest of all,
-    int n_same;           ///< and so many before it with the same result
+    int n_same;           ///< and so many in a row, up to it, that are late by more than n_missing
     int64_t first_ns;     ///< while the period is measured: stamp of the first one waiting,
     int64_t last_ns;      ///< and of the last one
     int n_irregular;      ///< intervals that did not fit,

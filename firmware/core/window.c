@@ -24,14 +24,20 @@ static void set_period(ipe_window_t* x, double period)
     x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, SLOW_PERIODS * period));
 }
 
-void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)
+void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double period)
 {
     memset(x, 0, sizeof *x);
     x->n_cables = config->n_cables;
     x->n_channels = IPE_CHANNEL_F + 2 * config->n_cables;
-    x->window_length = config->window_length;
+    x->window_length = length;
     x->max_age = config->max_age[IPE_IMU];
-    if (config->sample_rate > 0.0) { set_period(x, 1.0 / config->sample_rate); }
+    if (period > 0.0) { set_period(x, period); }
+}
+
+void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)
+{
+    const double rate = config->sample_rate;
+    ipe_window_init_length(x, config, config->window_length, rate > 0.0 ? 1.0 / rate : 0.0);
 }
 
 /// Mean of the intervals near their median: neither gaps nor jitter move it.

@@ -98,6 +98,9 @@ typedef struct {
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);
 
+/// The same with windows of another length, s; period: s between rows where it is known already, else 0.
+void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double period);
+
 /// Throw the open windows away: rows to come do not fit those in them.
 void ipe_window_restart(ipe_window_t* x);
 

@@ -3,11 +3,14 @@
 
 #include "config_file.h"
 #include "inertiad_lcm_command_t.h"
+#include "inertiad_lcm_expectation_t.h"
 
 #include <assert.h>
 #include <stdbool.h>
+#include <string.h>
 
-static_assert(IPE_COMMAND_FREEZE == INERTIAD_LCM_COMMAND_T_FREEZE && IPE_COMMAND_MARK == INERTIAD_LCM_COMMAND_T_MARK,
+static_assert(IPE_COMMAND_FREEZE == INERTIAD_LCM_COMMAND_T_FREEZE && IPE_COMMAND_MARK == INERTIAD_LCM_COMMAND_T_MARK &&
+                  IPE_COMMAND_EXPECT == INERTIAD_LCM_COMMAND_T_EXPECT,
               "the numbers of the message");
 static_assert(IPE_COMMAND_TEXT_MAX == INERTIAD_LCM_COMMAND_T_TEXT_MAX &&
                   IPE_CONFIG_FILE_MAX == INERTIAD_LCM_COMMAND_T_CONFIG_MAX,
@@ -60,5 +63,18 @@ int ipe_command_decode(const uint8_t* data, size_t n, ipe_command_t* command)
     command->text = (const char*)take_counted(&r, &n_text);
     if (r.is_short || n_text == 0 || command->text[n_text - 1] != '\0') { return -1; }
     command->config = take_counted(&r, &command->n_config);
+    return r.is_short || r.n != 0 ? -1 : 0;
+}
+
+int ipe_command_expectation(const ipe_command_t* command, ipe_expectation_t* expectation)
+{
+    rest_t r = {command->config, command->n_config, false};
+    const size_t n = sizeof expectation->number / sizeof expectation->number[0];
+    if (take_number(&r, 8) != (uint64_t)__inertiad_lcm_expectation_t_get_hash()) { return -1; }
+    expectation->t_ns = (int64_t)take_number(&r, 8);
+    for (size_t i = 0; i < n; ++i) {
+        const uint64_t bits = take_number(&r, 8);
+        memcpy(&expectation->number[i], &bits, sizeof bits);
+    }
     return r.is_short || r.n != 0 ? -1 : 0;
 }

@@ -14,6 +14,7 @@ typedef enum {
     IPE_COMMAND_TARE = 4,
     IPE_COMMAND_CONFIGURE = 5,
     IPE_COMMAND_MARK = 6,
+    IPE_COMMAND_EXPECT = 7,
 } ipe_command_kind_t;
 
 enum { IPE_COMMAND_TEXT_MAX = 200 };  ///< bytes of a mark
@@ -27,6 +28,15 @@ typedef struct {
     const uint8_t* config;  ///< n_config bytes; a view into the message
     size_t n_config;
 } ipe_command_t;
+
+/// A payload that is announced, expectation_t.lcm.
+typedef struct {
+    int64_t t_ns;       ///< of the contact
+    double number[20];  ///< the others in their order, as in ipe_announcement_init()
+} ipe_expectation_t;
+
+/// Read the expectation_t in an EXPECT. 0, or -1: of another version, or cut. No state.
+int ipe_command_expectation(const ipe_command_t* command, ipe_expectation_t* expectation);
 
 /// Read a command_t of n bytes. 0, or -1: of another version, or cut. No state.
 int ipe_command_decode(const uint8_t* data, size_t n, ipe_command_t* command);

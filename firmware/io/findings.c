@@ -83,6 +83,14 @@ static void find_misfit(const ipe_estimate_t* estimate, ipe_findings_t* found)
     }
 }
 
+static void find_contact(const ipe_estimate_t* estimate, ipe_findings_t* found)
+{
+    if (!estimate->is_provisional) { return; }
+    ipe_finding_t* f = add(found, "contact", IPE_SEVERITY_CARE, "wait until the payload hangs freely");
+    say(f,
+        "an announced payload is coming into contact: the estimate is the body before with the share carried so far");
+}
+
 static void find_impossible(const ipe_estimate_t* estimate, ipe_findings_t* found)
 {
     if (estimate->n_windows == 0 || estimate->consistent || estimate->distance <= IMPOSSIBLE_CARE) { return; }
@@ -209,6 +217,7 @@ void ipe_findings_of(const ipe_estimator_t* e, const ipe_config_t* config, ipe_f
     memset(found, 0, sizeof *found);
     find_start(&e->estimate, found);
     find_misfit(&e->estimate, found);
+    find_contact(&e->estimate, found);
     find_impossible(&e->estimate, found);
     find_broken_sensors(e, config, found);
     find_corrections(&e->estimate, config, found);

@@ -19,23 +19,38 @@ static int reset(ipe_lines_t* l, int fd)
     return fd < 0 ? -1 : 0;
 }
 
+static bool is_directory(int fd)
+{
+    struct stat info;
+    return fstat(fd, &info) == 0 && S_ISDIR(info.st_mode);
+}
+
 /// Does not wait for the other end of a pipe. open() takes directories too, and only read() would say so.
 static int open_file(const char* path)
 {
     const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    struct stat info;
-    if (fd < 0 || fstat(fd, &info) != 0 || !S_ISDIR(info.st_mode)) { return fd; }
+    if (fd < 0 || !is_directory(fd)) { return fd; }
     (void)close(fd);
+    errno = EISDIR;
+    return -1;
+}
+
+static int open_stdin(void)
+{
+    const int flags = fcntl(STDIN_FILENO, F_GETFL);
+    if (flags < 0) { return -1; }
+    if ((flags & O_ACCMODE) == O_WRONLY) {
+        errno = EBADF;
+        return -1;
+    }
+    if (!is_directory(STDIN_FILENO)) { return STDIN_FILENO; }
     errno = EISDIR;
     return -1;
 }
 
 int ipe_lines_open(ipe_lines_t* l, const char* path)
 {
-    if (strcmp(path, "-") != 0) { return reset(l, open_file(path)); }
-    const int flags = fcntl(STDIN_FILENO, F_GETFL);
-    if (flags >= 0 && (flags & O_ACCMODE) == O_WRONLY) { errno = EBADF; }
-    return reset(l, flags >= 0 && (flags & O_ACCMODE) != O_WRONLY ? STDIN_FILENO : -1);
+    return reset(l, strcmp(path, "-") == 0 ? open_stdin() : open_file(path));
 }
 
 /// Hand out n bytes of the buffer as a line and move past them and skip more.

@@ -61,6 +61,7 @@ static ipe_replay_status_t next_step(ipe_replay_t* r, ipe_replay_item_t* item)
         ipe_bus_count(&r->bus[item->frame->bus].counts, item->frame);
         return IPE_REPLAY_FRAME;
     case IPE_LOCK_STEP_POSITION: item->position = &r->lock_step.position; return IPE_REPLAY_POSITION;
+    case IPE_LOCK_STEP_COMMAND: return IPE_REPLAY_COMMAND;
     case IPE_LOCK_STEP_ANSWER: return IPE_REPLAY_ANSWER;
     case IPE_LOCK_STEP_WAIT: item->fd = r->lock_step.lines.fd; return IPE_REPLAY_WAIT;
     case IPE_LOCK_STEP_END:

@@ -18,6 +18,7 @@ typedef enum {
     IPE_REPLAY_WAIT = 2,      ///< an input has nothing yet: ipe_replay_fill() when item->fd is readable
     IPE_REPLAY_EARLY = 3,     ///< the next item is due at item->due_ns
     IPE_REPLAY_END = 4,       ///< every input has ended
+    IPE_REPLAY_COMMAND = 6,   ///< a simulator's: r->lock_step.command
     IPE_REPLAY_ANSWER = 5,    ///< a simulator waits for what was published
 } ipe_replay_status_t;
 

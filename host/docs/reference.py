@@ -16,7 +16,10 @@ from inertiad.base import counters
 from inertiad.cli.main import app
 from inertiad.robot import reference as keys
 
-IO = ("source_socketcan", "source_file", "bus_state", "source_tracker_file", "publish", "inbox", "record", "checkpoint")
+IO = (
+    *("source_socketcan", "source_file", "bus_state", "source_tracker_file", "lock_step", "publish", "inbox", "record"),
+    "checkpoint",
+)
 STAGE_OF = {"publish": "lcm", "inbox": "lcm", "source_tracker_file": "tracker"}
 LATE = ("force", "position")
 """sensors that may be late: rows are those of the IMU"""

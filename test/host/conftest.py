@@ -90,3 +90,13 @@ def can_over_udp(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = TOP / "test/host/can_over_udp.c"
     subprocess.run(["cc", "-std=gnu11", "-O2", "-shared", "-fPIC", "-o", library, source], check=True)
     return library
+
+
+def lock_step_lines(run: Path) -> list[str]:
+    """Lines for the daemon in lock-step, in the order in which a replay of the run uses them."""
+    lines = [(round(1e6 * float(line[1:18])), 0, line) for line in (run / "can.log").read_text().splitlines()]
+    for line in (run / "tracker.csv").read_text().splitlines()[1:]:
+        t, x, y, z = line.split(",")[:4]
+        t_ns = round(1e6 * float(t)) * 1000
+        lines.append((t_ns // 1000, 1, f"position {t_ns} {x} {y} {z}"))
+    return [f"{line}\n" for _, _, line in sorted(lines, key=lambda item: item[:2])]

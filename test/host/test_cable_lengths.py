@@ -77,6 +77,41 @@ def test_what_remains_of_the_lengths_is_said(tmp_path: Path) -> None:
     assert found.residual == pytest.approx(2e-3 * np.sqrt(1 / 4), rel=0.1)  # one equation of four is over
 
 
+@pytest.mark.parametrize(("instant", "length"), [(7, 0.3), (7, -0.3), (0, 0.05)])
+def test_an_instant_that_disagrees_is_left_out_and_counted(tmp_path: Path, instant: int, length: float) -> None:
+    robot = cubic_robot(tmp_path, 6)
+    t, p, turn = motion(2000, 3)
+    lengths = straight_lengths(robot, p, turn) + np.random.default_rng(4).normal(0.0, 1e-3, (len(t), 6))
+    lengths[instant, 2] += length
+    found = cable_lengths.positions(robot, "test", signals_of(t, turn), lengths_of(t, lengths))
+    assert found.n_dropped == 1 and "; 1 instants left out" in found.note
+    assert t[instant] not in found.positions.t and len(found.positions.t) == len(t) - 1
+    whole = np.delete(p + turn.apply(TARGET), instant, axis=0)
+    assert np.abs(found.positions.stack("x", "y", "z") - whole).max() < 0.02
+
+
+@pytest.mark.parametrize("n_cables", [1, 2])
+def test_fewer_than_three_cables_give_no_position(tmp_path: Path, n_cables: int) -> None:
+    robot = cubic_robot(tmp_path, n_cables)
+    t, p, turn = motion(50, 5)
+    with pytest.raises(InputError, match=f"{n_cables} cables: allowed: 3 or more"):
+        cable_lengths.positions(robot, "t", signals_of(t, turn), lengths_of(t, straight_lengths(robot, p, turn)))
+
+
+def test_cables_of_one_plane_give_no_position(tmp_path: Path) -> None:
+    anchors = [[-2.0, 0.0, 2.5], [2.0, 0.0, 2.5], [2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]]
+    attachments = [[-0.2, 0.0, 0.1], [0.2, 0.0, 0.1], [0.2, 0.0, -0.1], [-0.2, 0.0, -0.1]]
+    cables = [{"anchor": a, "attachment": b} for a, b in zip(anchors, attachments, strict=True)]
+    path = tmp_path / "robot.toml"
+    path.write_text(to_toml({"name": "plane", "cable": cables, "tracker": {"target": TARGET}}), encoding="utf-8")
+    robot = description.load(path)
+    t, p, _ = motion(50, 6)
+    p[:, 1] = 0.0
+    level = Rotation.identity(len(t))
+    with pytest.raises(InputError, match=r"t = [\d.]+ s: the 4 cables leave a direction free"):
+        cable_lengths.positions(robot, "t", signals_of(t, level), lengths_of(t, straight_lengths(robot, p, level)))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

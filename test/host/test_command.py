@@ -15,7 +15,7 @@ from inertiad.check.case import Case
 from inertiad.check.daemon_run import Published
 from inertiad.robot import configuration, description
 from inertiad.run import lcmlog
-from inertiad_lcm import command_t, estimate_t, event_t, robot_config_t
+from inertiad_lcm import command_t, estimate_t, event_t, order_item_t, robot_config_t
 
 pytestmark = pytest.mark.slow
 
@@ -116,6 +116,24 @@ def test_record_repeats_every_estimate_whatever_was_commanded(resting, tmp_path)
     assert checks["rows recomputed"].passed and checks["estimates"].passed, checks
 
 
+@pytest.mark.slow
+def test_expected_payload_is_answered_counted_and_repeated(moving, tmp_path):
+    record = tmp_path / "run.lcmlog"
+    steps = ["2", "expect=20@1@0,0,0.3", "expect=10@700@0,0,0", "expect=-5@0.2@0,0,0", "0.5", "reset", "0.5"]
+    lines, end = session(moving, steps, "--record", record)
+    got = answers(lines)
+    assert [done for done, _ in got] == [True, False, True, True]
+    assert re.fullmatch(r"expect done: 20 \+- 0\.4 kg in \d\.\d+ s", got[0][1]), got[0]
+    assert re.fullmatch(r"expect refused: t_ns: \d+\.\d+ s from now; allowed: 0 to 600 s", got[1][1]), got[1]
+    assert (end["counters"]["command.done"], end["counters"]["command.refused"]) == (3, 1)
+    case = recorded_case(moving, record)
+    items = [item for message in case.published.messages["ORDER"] for item in message.item if item.kind]
+    assert [item.kind for item in items] == [*[command_t.EXPECT] * 2 * order_item_t.EXPECT_ITEMS, command_t.RESET]
+    assert items[0].value == pytest.approx((20.0, 0.4, 0.0))
+    checks = {c.name: c for c in estimate_checks.check_recomputation(case, estimate_checks.recompute(case))}
+    assert checks["rows recomputed"].passed and checks["estimates"].passed, checks
+
+
 def recorded_case(run: Path, record: Path) -> Case:
     published = Published()
     for event in lcmlog.read(record):
@@ -160,7 +178,13 @@ def test_tare_at_rest_finds_the_bias_and_survives_a_restart(resting, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["melt"], 'command "melt": allowed: freeze, resume, reset, tare, configure, mark'),
+        (["melt"], 'command "melt": allowed: freeze, resume, reset, tare, configure, mark, expect'),
+        (["expect"], "command expect: PAYLOAD is missing"),
+        (["expect", "70@2"], 'command expect: "70@2": allowed: KG@S@x,y,z or FILE@S'),
+        (["expect", "0@2@0,0,0"], "mass = 0: allowed: above 0 to take up, below 0 to set down, kg"),
+        (["expect", "70@-1@0,0,0"], "time = -1: allowed: 0 and more, s"),
+        (["expect", "70@2@0,0,0", "--std", "1,-2,3"], '--std "1,-2,3": allowed: KG,M,KGM2, each 0 or more'),
+        (["mark", "x", "--std", "1,2,3"], "command mark: --std is not wanted"),
         (["mark"], "command mark: TEXT is missing"),
         (["freeze", "now"], 'command freeze: "now" is not wanted'),
         (["configure", "nowhere.cfg"], "nowhere.cfg: No such file or directory"),

@@ -4,13 +4,14 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.signal
 
 import inertiad_core
-from inertiad.identify import diagnose
+from inertiad.identify import diagnose, mistake_fit, mistake_table
 from inertiad.run import reader
 from inertiad.run.reader import Recording
 
@@ -177,3 +178,23 @@ def test_forces_behind_a_low_pass_are_no_mistake_of_wiring() -> None:
 def test_rest_and_one_pose_are_named(good: Recording) -> None:
     still = {k: np.repeat(getattr(good.rows, k)[:1], len(good.rows), axis=0) for k in ("q", "position", "gyro")}
     assert "one pose only" in _findings(_with(good, **still | {"gyro": 0.0 * good.rows.gyro}))
+
+
+@pytest.mark.parametrize(
+    ("best", "rival", "severity"), [("stop", "care", "stop"), ("care", "stop", "care"), ("stop", "stop", "stop")]
+)
+def test_a_mild_rival_does_not_make_a_mistake_mild(
+    good: Recording, best: str, rival: str, severity: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fitted(kind: str, cost: float, sigma: float, mild: str) -> mistake_fit.Fitted:
+        mistake = mistake_table.Mistake(kind, kind, lambda case, x: case)
+        law = SimpleNamespace(solved=(None, sigma, 0.0))
+        return mistake_fit.Fitted(replace(mistake, severity=mild), cost, np.zeros(0), [law, law, law])  # type: ignore
+
+    nothing = replace(fitted("none", 1e4, 100.0, "stop"), mistake=mistake_fit.NOTHING)
+    found = [fitted("gross", 0.0, 1.0, best), fitted("other", 1.0, 1.0, rival), nothing]
+    monkeypatch.setattr(mistake_fit, "explain", lambda judge: found)
+    (finding,) = mistake_fit.find(good.robot, [good])
+    assert (finding.severity, finding.name) == (severity, "gross")
+    assert "; or other" in finding.says
+    assert finding.do == (mistake_fit.MILD if severity == "care" else mistake_fit.CORRECT)

@@ -146,7 +146,7 @@ def run_encode(tmp_path, robot_file, signals=GOOD, tracker=TRACKED, extra=""):
     path, robot = four(robot_file, extra)
     (tmp_path / "signals.csv").write_text(signals)
     (tmp_path / "tracker.csv").write_text(tracker)
-    return encode.encode(path, robot, tmp_path / "signals.csv", tmp_path / "tracker.csv", tmp_path / "run")
+    return encode.encode(path, robot, tmp_path / "signals.csv", tmp_path / "tracker.csv", tmp_path / "run")[0]
 
 
 def test_encode_run_folder_reads_back(tmp_path, robot_file):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of other tools, by format: every sensor with its values and its own rate; odd files end with one line."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from conftest import COGIRO, minimal_toml
 
 from inertiad.base.error import InputError
-from inertiad.exchange import channels, convert, file_formats, foreign_import
+from inertiad.exchange import channels, convert, file_formats, foreign_import, foreign_messages
 from inertiad.run import canlog, tracker_csv
 
 pytestmark = pytest.mark.slow
@@ -110,6 +111,88 @@ def test_can_log_without_a_frame_of_the_dbc_names_its_identifiers(bus: dict[str,
     devices = COGIRO.parent / "devices/me_gsv4.dbc"
     with pytest.raises(InputError, match="identifiers in the log: "):
         channels.summary(bus[".log"], None, [devices])
+
+
+def _log_of_two(folder: Path, second: str) -> Path:
+    """A candump log with frames of one identifier on can0 and, with other values, on another interface."""
+    path = folder / "two.log"
+    buses = (("can0", "0100"), (second, "0200"))
+    path.write_text("".join(f"({1.0 + 0.01 * k:.6f}) {name} 101#{3 * n}\n" for k in range(100) for name, n in buses))
+    return path
+
+
+ONE_MESSAGE = """VERSION ""
+NS_ :
+BS_:
+BU_: X
+BO_ 257 {name}: 6 X
+ SG_ acc_x : 0|16@1- (0.1,0) [0|0] "m/s2" X
+ SG_ acc_y : 16|16@1- (0.1,0) [0|0] "m/s2" X
+ SG_ acc_z : 32|16@1- (0.1,0) [0|0] "m/s2" X
+"""
+
+
+def _dbc(folder: Path, file: str, message: str) -> Path:
+    path = folder / file
+    path.write_text(ONE_MESSAGE.format(name=message))
+    return path
+
+
+def test_interfaces_of_a_can_log_are_not_mixed(tmp_path: Path):
+    dbc = _dbc(tmp_path, "imu.dbc", "IMU")
+    found = {f.channel.name: f.channel for f in channels.summary(_log_of_two(tmp_path, "can1"), None, [dbc])}
+    assert set(found) == {f"{bus}:IMU.acc_{a}" for bus in ("can0", "can1") for a in "xyz"}
+    for name, channel in found.items():
+        np.testing.assert_allclose(channel.value, 0.1 if name.startswith("can0") else 0.2)
+    one = {f.channel.name for f in channels.summary(_log_of_two(tmp_path, "can0"), None, [dbc])}
+    assert one == {f"IMU.acc_{a}" for a in "xyz"}
+
+
+@pytest.mark.parametrize(("other", "said"), [("IMU", "message IMU"), ("Turn", "identifier 101")])
+def test_dbc_files_that_share_a_message_are_refused(other: str, said: str, tmp_path: Path):
+    files = [_dbc(tmp_path, "a.dbc", "IMU"), _dbc(tmp_path, "b.dbc", other)]
+    with pytest.raises(InputError, match=f"a.dbc and b.dbc both describe {said}"):
+        channels.summary(_log_of_two(tmp_path, "can1"), None, files)
+
+
+def _mcap(folder: Path, rows: list[dict[str, object]]) -> Path:
+    """JSON messages of one topic, logged every 0.1 s from 5 s on."""
+    from mcap.writer import Writer
+
+    path = folder / "one.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        topic = writer.register_channel("/a", "json", writer.register_schema("any", "jsonschema", b"{}"))
+        for k, row in enumerate(rows):
+            logged = 5_000_000_000 + 100_000_000 * k
+            writer.add_message(topic, logged, json.dumps(row).encode(), logged)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("stamps", "first"),
+    [([0.0, 0.01, 0.02], 0.0), ([0.0, 0.0, 0.0], 5.0), ([1.0, None, 1.02], 5.0), ([7.0, 7.01, 7.02], 7.0)],
+)
+def test_a_topic_has_one_clock(stamps: list[float | None], first: float, tmp_path: Path):
+    rows: list[dict[str, object]] = [{"x": 1.0 + k} | ({} if s is None else {"t": s}) for k, s in enumerate(stamps)]
+    (found,) = foreign_messages.read_mcap(_mcap(tmp_path, rows))
+    step = 0.01 if first != 5.0 else 0.1
+    np.testing.assert_allclose(found.t, first + step * np.arange(3))
+    np.testing.assert_allclose(found.value, [1.0, 2.0, 3.0])
+
+
+def test_only_whole_names_are_left_out(tmp_path: Path):
+    row = {
+        "sequence_gain": 1.0,
+        "seq": 2.0,
+        "subheader": 3.0,
+        "orientation_covariance": [1.0] * 9,
+        "covariance_gain": 4.0,
+    }
+    found = foreign_messages.read_mcap(_mcap(tmp_path, [row, row]))
+    assert {channel.name for channel in found} == {"/a.sequence_gain", "/a.subheader", "/a.covariance_gain"}
 
 
 # ---- odd files -------------------------------------------------------------------------------------------------------

@@ -12,7 +12,10 @@ import pytest
 from conftest import COGIRO, ISOLATED, TOP
 
 import inertiad_core
+from inertiad.base import installation
+from inertiad.base.error import InputError
 from inertiad.check import verify
+from inertiad.control.daemon import Daemon
 from inertiad.robot import configuration, dbc, description
 from inertiad.run import lcmlog
 
@@ -237,3 +240,11 @@ def test_estimates_are_bit_identical_when_the_daemon_stalls_for_seconds(run, tmp
         done.stdout
     )
     assert lines["estimates"].endswith("bit-identical") and lines["estimates"].startswith("PASS"), done.stdout
+
+
+def test_missing_daemon_names_the_option_where_there_is_one(run: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setattr(installation, "SOURCE_TREE", tmp_path)
+    with pytest.raises(InputError, match=r"not found; run make build, or pass --daemon FILE$"):
+        verify.verify(verify.Options(run), lambda _: None)
+    with pytest.raises(InputError, match=r"not found; run make build$"):
+        Daemon(run / "robot.cfg", tmp_path / "said")

@@ -409,6 +409,31 @@ static void test_platform_that_vibrates_has_a_motion_all_the_same(void)
     ASSERT_BELOW(4.0 * hypot(motion.error.attitude_std[0], motion.error.attitude_std[1]), hypot(v[0], v[1]));  // honest
 }
 
+static void test_outage_of_the_tracker_is_no_time_of_settling(void)
+{
+    faults.acc_noise = 0.3, faults.gyro_noise = 0.02;
+    start();
+    run(0, 20000);
+    TEST_ASSERT_EQUAL(IPE_OK, status);
+    for (int64_t t = 20000; t < 80000; t += 5) {  // when: a minute without positions, in which the tilt drifts
+        const ideal_t m = ideal_at(&config, 1e-3 * (double)t, theta);
+        make_row(1e-3 * (double)t, &m);
+        row.has_position = row.is_position_new = false;
+        status = ipe_motion_push(&stage, &row, &motion);
+    }
+    TEST_ASSERT_EQUAL(IPE_IGNORED, status);
+    const uint64_t n_unsettled = stage.n_unsettled;
+    int64_t t = 80000;
+    do {
+        push_moving(t);
+        t += 5;
+    } while (status != IPE_OK && t < 95000);
+    TEST_ASSERT_EQUAL(IPE_OK, status);
+    TEST_ASSERT_GREATER_THAN_UINT64(n_unsettled, stage.n_unsettled);
+    const double sigma = sqrt(stage.spread.P[IPE_MOTION_PHI][IPE_MOTION_PHI]);
+    ASSERT_BELOW(3e-3 * fmax(1.0, 1e-4 * (double)(t - 80000)), sigma);  // then: known as at the start
+}
+
 static void test_time_going_back_changes_nothing(void)
 {
     start();
@@ -494,6 +519,7 @@ int main(void)
     RUN_TEST(test_no_position_yet_is_no_motion);
     RUN_TEST(test_tilt_must_be_known_first);
     RUN_TEST(test_platform_that_vibrates_has_a_motion_all_the_same);
+    RUN_TEST(test_outage_of_the_tracker_is_no_time_of_settling);
     RUN_TEST(test_time_going_back_changes_nothing);
     RUN_TEST(test_ten_minutes_at_rest);
     RUN_TEST(test_fixed_position_leaves_the_sensors_as_they_are);

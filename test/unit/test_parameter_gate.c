@@ -116,6 +116,28 @@ static void test_estimate_in_mid_transition_starts_from_where_theta_is(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, halfway, now.theta[0]);
 }
 
+static void test_announced_contact_is_followed_within_change_time(void)
+{
+    const int64_t live = go_live(1.0);
+    int64_t t = live + SECOND;
+    for (int k = 0; k <= 10; ++k, t += 20 * MS) {  // 20 % more within 0.2 s, all sharp, verdict care
+        ipe_gate_estimate_t e = estimate(100 + k, t, 1.0 + 0.02 * k);
+        for (int i = 0; i < IPE_NP; ++i) { e.covariance[i][i] = 1e-4 * nominal[0] * nominal[0]; }
+        e.covariance[0][0] = 1e-4 * e.theta[0] * e.theta[0];
+        e.n_changes = 1, e.verdict = 2;
+        const ipe_gate_reason_t reason = ipe_parameter_gate_offer(&gate, &e, t);
+        if (k > 0) { TEST_ASSERT_EQUAL_MESSAGE(IPE_GATE_TAKEN, reason, ipe_parameter_gate_text(reason)); }
+        ipe_parameter_gate_read(&gate, t + 20 * MS, &now);
+        if (k > 0) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, e.theta[0], now.theta[0]); }
+    }
+    ipe_gate_estimate_t e = estimate(200, t, 1.2);  // contact over: small corrections take transition_time again
+    e.n_changes = 1;
+    e.theta[0] *= 1.001;
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, t));
+    ipe_parameter_gate_read(&gate, t + 250 * MS, &now);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.2006 * nominal[0], now.theta[0]);
+}
+
 static void test_every_refusal_has_its_reason_and_changes_nothing(void)
 {
     const int64_t t = go_live(1.0) + 100 * MS;
@@ -225,6 +247,63 @@ static void test_after_a_change_the_nominal_body_is_no_fall_back(void)
     ipe_parameter_gate_read(&gate, e.t_ns + 3600 * SECOND, &now);
     TEST_ASSERT_EQUAL(IPE_GATE_LAST_GOOD, now.source);
     TEST_ASSERT_EQUAL_DOUBLE(1.4 * nominal[0], now.theta[0]);
+}
+
+static void test_announced_change_alone_ends_the_nominal_fall_back(void)
+{
+    const int64_t live = go_live(1.2);
+    ipe_gate_estimate_t e = estimate(100, live + 100 * MS, 1.4);
+    e.n_changes = 1, e.verdict = 3;  // the change is announced, and nothing more can be taken: the daemon is gone then
+    TEST_ASSERT_EQUAL(IPE_GATE_VERDICT, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    ipe_parameter_gate_read(&gate, live + 3600 * SECOND, &now);
+    TEST_ASSERT_EQUAL(IPE_GATE_LAST_GOOD, now.source);
+    TEST_ASSERT_EQUAL_DOUBLE(1.2 * nominal[0], now.theta[0]);
+}
+
+static void test_change_announced_during_a_fall_back_makes_no_jump(void)
+{
+    const int64_t live = go_live(1.2), middle = live + 1250 * MS;
+    ipe_parameter_gate_read(&gate, middle, &now);
+    const double halfway = now.theta[0];
+    ipe_gate_estimate_t e = estimate(100, middle, 1.4);
+    e.n_changes = 1, e.verdict = 3;
+    (void)ipe_parameter_gate_offer(&gate, &e, middle);
+    ipe_parameter_gate_read(&gate, middle, &now);
+    TEST_ASSERT_EQUAL(IPE_GATE_FALLING_BACK, now.source);
+    TEST_ASSERT_EQUAL_DOUBLE(halfway, now.theta[0]);
+}
+
+static void test_gate_that_begins_after_changes_does_not_fall_back_to_nominal(void)
+{
+    ipe_gate_estimate_t e = estimate(0, START, 1.4);
+    e.n_changes = 2;  // the gate was not there when the payload was taken up
+    for (; ipe_parameter_gate_offer(&gate, &e, e.t_ns) != IPE_GATE_TAKEN; ++e.sequence) {
+        TEST_ASSERT_LESS_THAN_INT64(20, e.sequence);
+        e.t_ns += 100 * MS;
+    }
+    ipe_parameter_gate_read(&gate, e.t_ns + 3600 * SECOND, &now);
+    TEST_ASSERT_EQUAL(IPE_GATE_LAST_GOOD, now.source);
+    TEST_ASSERT_EQUAL_DOUBLE(1.4 * nominal[0], now.theta[0]);
+}
+
+static void test_inertia_that_is_kept_is_that_of_the_parameters_in_use(void)
+{
+    const int64_t live = go_live(1.5);  // inertia 1.5 times the nominal one, before
+    ipe_gate_estimate_t e = estimate(100, live + 100 * SECOND, 1.0);
+    ipe_parameter_gate_read(&gate, e.t_ns, &now);
+    TEST_ASSERT_EQUAL(IPE_GATE_NOMINAL, now.source);  // given: the nominal body is in use again
+    e.n_changes = 1;
+    for (int i = 1; i < IPE_NP; ++i) { e.observable[i] = false, e.covariance[i][i] = 900.0; }
+    for (; ipe_parameter_gate_offer(&gate, &e, e.t_ns) != IPE_GATE_TAKEN; ++e.sequence) {
+        TEST_ASSERT_LESS_THAN_INT64(120, e.sequence);
+        e.t_ns += 100 * MS;
+    }
+    ipe_parameter_gate_read(&gate, e.t_ns + 900 * MS, &now);
+    const double covariance[IPE_NP][IPE_NP] = {{0.0}};
+    ipe_body_t body, known;
+    (void)ipe_body_from_theta(nominal, covariance, &known);
+    (void)ipe_body_from_theta(now.theta, covariance, &body);
+    for (int i = 0; i < 6; ++i) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, known.inertia_cog[i], body.inertia_cog[i]); }
 }
 
 static void test_silence_falls_back_without_a_jump_and_needs_several_to_return(void)
@@ -357,6 +436,7 @@ int main(void)
     RUN_TEST(test_start_is_nominal_and_the_first_estimates_wait);
     RUN_TEST(test_transition_has_no_jump_and_every_body_on_it_can_exist);
     RUN_TEST(test_estimate_in_mid_transition_starts_from_where_theta_is);
+    RUN_TEST(test_announced_contact_is_followed_within_change_time);
     RUN_TEST(test_every_refusal_has_its_reason_and_changes_nothing);
     RUN_TEST(test_each_sigma_has_its_limit);
     RUN_TEST(test_each_number_may_contradict_the_last_estimate);
@@ -364,6 +444,10 @@ int main(void)
     RUN_TEST(test_change_of_payload_may_contradict);
     RUN_TEST(test_after_a_change_the_mass_must_be_sharp_until_all_is);
     RUN_TEST(test_after_a_change_the_nominal_body_is_no_fall_back);
+    RUN_TEST(test_announced_change_alone_ends_the_nominal_fall_back);
+    RUN_TEST(test_change_announced_during_a_fall_back_makes_no_jump);
+    RUN_TEST(test_gate_that_begins_after_changes_does_not_fall_back_to_nominal);
+    RUN_TEST(test_inertia_that_is_kept_is_that_of_the_parameters_in_use);
     RUN_TEST(test_silence_falls_back_without_a_jump_and_needs_several_to_return);
     RUN_TEST(test_last_good_parameters_are_kept_where_asked_for);
     RUN_TEST(test_restarted_daemon_counts_anew);

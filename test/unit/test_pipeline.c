@@ -822,6 +822,169 @@ static void test_invariants_broken_filter_is_noticed(void)
     TEST_ASSERT_FALSE(ipe_pipeline_invariants_hold(&pipeline));  // then
 }
 
+// ---- announced payloads ---------------------------------------------------------------------------------------------
+
+enum { LEARNT = 10000, ANNOUNCED = 11000, LOADED = 500, ENDED = 16000 };  // ms
+
+static const double LOAD_AT[3] = {0.2, 0.1, 0.3};
+
+static ipe_announcement_t announcement;
+
+/// Numbers of a point mass at LOAD_AT with sigmas of 2 %, 1 cm and 0.1 kg m2.
+static void announce_point(double mass, double number[IPE_ANNOUNCEMENT_NUMBERS])
+{
+    memset(number, 0, IPE_ANNOUNCEMENT_NUMBERS * sizeof number[0]);
+    number[0] = mass, number[1] = 0.02 * fabs(mass);
+    for (int i = 0; i < 3; ++i) { number[2 + i] = LOAD_AT[i], number[5 + i] = 0.01; }
+    for (int i = 0; i < 6; ++i) { number[14 + i] = 0.1; }
+}
+
+static void expect_point(double mass)
+{
+    double number[IPE_ANNOUNCEMENT_NUMBERS];
+    announce_point(mass, number);
+    const ipe_status_t status = ipe_announcement_init(&announcement, &config, number, START + ANNOUNCED * MS,
+                                                      pipeline.window.period, message, sizeof message);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(IPE_OK, status, message);
+    ipe_pipeline_expect(&pipeline, &announcement);
+}
+
+/// From sample `first` on, until `end`; `mass` is taken up at LOAD_AT within LOADED ms from sample `contact` on. The time in
+/// ms at which the published mass is within 3 % of the true one and stays there.
+static int carry(int first, int end, double mass, int contact)
+{
+    int right = end;
+    for (int k = first; k < end; ++k) {
+        const double share = fmin(1.0, fmax(0.0, (double)(k - contact) / LOADED));
+        double load[IPE_NP] = {share * mass};
+        ipe_body_shift(LOAD_AT, load, NULL);
+        for (int i = 0; i < IPE_NP; ++i) { load[i] += truth[i]; }
+        const ideal_t x = share > 0.0 ? ideal_at(&config, 1e-3 * k, load) : sample[k];
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - load[0]) < 0.03 * load[0];
+        right = is_right ? (right == end ? k : right) : end;
+    }
+    return right;
+}
+
+static void test_expect_right_payload_is_followed_from_its_contact_on(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);  // given
+    expect_point(50.0);
+    (void)carry(LEARNT, ANNOUNCED, 0.0, ENDED);
+    TEST_ASSERT_EQUAL_UINT64(0, pipeline.estimator.estimate.n_changes);
+
+    const int right = carry(ANNOUNCED, ENDED, 50.0, ANNOUNCED);  // when
+
+    const ipe_estimate_t* e = &pipeline.estimator.estimate;      // then
+    TEST_ASSERT_LESS_THAN_INT(ANNOUNCED + LOADED + 100, right);
+    TEST_ASSERT_EQUAL_UINT64(1, e->n_changes);
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_TAKEN, announcement.state);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 211.058, e->body.mass);
+    for (int i = 0; i < IPE_NP; ++i) { TEST_ASSERT_TRUE(e->observable[i]); }
+    TEST_ASSERT_FALSE(e->is_provisional);
+}
+
+static void test_expect_load_that_is_set_down_is_followed(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);                          // given
+    expect_point(-30.0);
+    const int right = carry(LEARNT, ENDED, -30.0, ANNOUNCED);    // when
+    TEST_ASSERT_LESS_THAN_INT(ANNOUNCED + LOADED + 100, right);  // then
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 131.058, pipeline.estimator.estimate.body.mass);
+}
+
+/// The same payload without announcement, in `other`'s place: when is the mass right?
+static int right_without_announcement(double mass, int contact)
+{
+    init(&pipeline);
+    (void)carry(0, LEARNT, 0.0, ENDED);
+    return carry(LEARNT, ENDED, mass, contact);
+}
+
+static void test_expect_wrong_by_a_factor_of_2_is_no_worse_than_none(void)
+{
+    const int without = right_without_announcement(50.0, ANNOUNCED);
+    const double mass = pipeline.estimator.estimate.body.mass;
+    for (int k = 0; k < 2; ++k) {
+        init(&pipeline);  // given
+        (void)carry(0, LEARNT, 0.0, ENDED);
+        expect_point(k == 0 ? 100.0 : 25.0);
+        const int with = carry(LEARNT, ENDED, 50.0, ANNOUNCED);  // when
+        TEST_ASSERT_LESS_OR_EQUAL_INT(without, with);            // then
+        TEST_ASSERT_EQUAL_UINT64(0, counter("expect.taken"));
+        TEST_ASSERT_DOUBLE_WITHIN(0.1, mass, pipeline.estimator.estimate.body.mass);
+    }
+}
+
+static void test_expect_payload_that_never_comes_changes_nothing(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);      // given
+    expect_point(50.0);
+    (void)carry(LEARNT, ENDED, 0.0, ENDED);  // when
+    const ipe_estimate_t with = pipeline.estimator.estimate;
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_WAITS, announcement.state);
+    init(&pipeline);
+    (void)carry(0, ENDED, 0.0, ENDED);
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimator.estimate, &with, sizeof with);  // then
+}
+
+static void test_expect_payload_that_comes_late_is_followed(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);                                 // given
+    expect_point(50.0);
+    const int right = carry(LEARNT, ENDED, 50.0, ANNOUNCED + 2000);     // when
+    TEST_ASSERT_LESS_THAN_INT(ANNOUNCED + 2000 + LOADED + 100, right);  // then
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));
+}
+
+static void test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);  // given
+    expect_point(50.0);
+    (void)carry(LEARNT, ANNOUNCED, 0.0, ENDED);
+    (void)carry(ANNOUNCED, ANNOUNCED + 250, 50.0, ANNOUNCED);  // when: half of it, and gone again
+    (void)carry(ANNOUNCED + 250, ENDED, 0.0, ENDED);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.failed"));     // then
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 161.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_reset_forgets_what_is_expected(void)
+{
+    expect_point(50.0);                       // given
+    ipe_pipeline_reset(&pipeline);            // when
+    TEST_ASSERT_NULL(pipeline.announcement);  // then
+}
+
+static void test_announcement_odd_numbers_are_refused_with_a_reason(void)
+{
+    const struct {
+        int at;
+        double value;
+        const char* reason;
+    } ODD[] = {{0, 0.0, "mass: must not be 0"},
+               {0, NAN, "a number is not finite"},
+               {1, -0.1, "a standard deviation is negative"},
+               {6, -0.1, "a standard deviation is negative"},
+               {19, -0.1, "a standard deviation is negative"},
+               {1, 30.0, "mass_std: must be at most half of the mass"},
+               {8, 5.0, "inertia_cog: no body has these moments"},
+               {9, -1.0, "inertia_cog: no body has these moments"},
+               {3, INFINITY, "a number is not finite"}};
+    for (size_t i = 0; i < sizeof ODD / sizeof ODD[0]; ++i) {
+        double number[IPE_ANNOUNCEMENT_NUMBERS];
+        announce_point(50.0, number);  // given
+        number[ODD[i].at] = ODD[i].value;
+        const ipe_status_t status =
+            ipe_announcement_init(&announcement, &config, number, START, 0.0, message, sizeof message);  // when
+        TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, status);                                                    // then
+        TEST_ASSERT_EQUAL_STRING(ODD[i].reason, message);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -859,5 +1022,13 @@ int main(void)
     RUN_TEST(test_flush_lets_the_last_rows_out);
     RUN_TEST(test_counter_names_are_unique_and_end_with_null);
     RUN_TEST(test_invariants_broken_filter_is_noticed);
+    RUN_TEST(test_expect_right_payload_is_followed_from_its_contact_on);
+    RUN_TEST(test_expect_load_that_is_set_down_is_followed);
+    RUN_TEST(test_expect_wrong_by_a_factor_of_2_is_no_worse_than_none);
+    RUN_TEST(test_expect_payload_that_never_comes_changes_nothing);
+    RUN_TEST(test_expect_payload_that_comes_late_is_followed);
+    RUN_TEST(test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before);
+    RUN_TEST(test_reset_forgets_what_is_expected);
+    RUN_TEST(test_announcement_odd_numbers_are_refused_with_a_reason);
     return UNITY_END();
 }

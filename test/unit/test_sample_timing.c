@@ -231,6 +231,23 @@ static void test_push_busy_host_costs_few_samples(void)
     }
 }
 
+/// Frames that wait for those of other sensors, so stamps scatter over three quarters of the period; 1 % are lost.
+static fate_t loaded_bus(int k, double period)
+{
+    (void)k;
+    return (fate_t){uniform(&seed) < 0.01, 0.6 * period * uniform(&seed)};
+}
+
+static void test_push_losses_on_a_loaded_bus_cost_few_samples_beside(void)
+{
+    feed(0.001, 60.0, 2.0, false, loaded_bus);  // given, when
+    const uint64_t lost = 60000 - (uint64_t)result.n_sent;
+    TEST_ASSERT_EQUAL_UINT64(lost, pace.n_lost);  // then: a second loss before the first is known locks nobody out
+    TEST_ASSERT_EQUAL_UINT64(0, pace.n_restarts);
+    TEST_ASSERT_LESS_THAN_UINT64(2 * lost, pace.n_dropped);
+    TEST_ASSERT_LESS_THAN_INT(result.n_sent / 200, result.n_wrong);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -245,5 +262,6 @@ int main(void)
     RUN_TEST(test_push_new_period_is_measured_again);
     RUN_TEST(test_end_counts_what_still_waits);
     RUN_TEST(test_push_ragged_host_still_gets_most_samples);
+    RUN_TEST(test_push_losses_on_a_loaded_bus_cost_few_samples_beside);
     return UNITY_END();
 }

@@ -142,6 +142,17 @@ struct OwnedPipeline {
         return view.push_frame(frame);
     }
 
+    /// ValueError: numbers that no body has.
+    void expect(int64_t t_ns, const Eigen::Matrix<double, IPE_ANNOUNCEMENT_NUMBERS, 1>& numbers)
+    {
+        char message[256];
+        if (ipe_announcement_init(announcement.get(), &state->config, numbers.data(), t_ns, state->window.period,
+                                  message, sizeof message) != IPE_OK) {
+            throw std::invalid_argument(message);
+        }
+        ipe_pipeline_expect(state.get(), announcement.get());
+    }
+
     nb::dict counters() const
     {
         nb::dict d;
@@ -176,6 +187,7 @@ struct OwnedPipeline {
     }
 
     std::unique_ptr<ipe_pipeline_t> state;
+    std::unique_ptr<ipe_announcement_t> announcement = std::make_unique<ipe_announcement_t>();
     inertiad::Pipeline view;
     std::vector<ipe_row_t> rows;
 };

@@ -628,6 +628,8 @@ NB_MODULE(inertiad_core, m)
         .def(
             "set_gyro_bias", [](OwnedPipeline& p, const inertiad::Vector3& bias) { p.view.set_gyro_bias(bias); },
             "bias"_a, "Use this gyro bias [3], I axes, rad/s, from the next row on.")
+        .def("expect", &OwnedPipeline::expect, "t_ns"_a, "numbers"_a,
+             "Expect a payload at a host time; numbers [20] of expectation_t. ValueError: no such body. announcement.h")
         .def_prop_ro("estimate", &OwnedPipeline::estimate)
         .def_prop_ro("counters", &OwnedPipeline::counters);
 

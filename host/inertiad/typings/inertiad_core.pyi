@@ -383,6 +383,11 @@ class ParameterGate:
         dict of theta [10], source, sequence, age [s], is_moving at host time now_ns
         """
 
+def feed_forward(theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], R: Annotated[NDArray[numpy.float64], dict(shape=(3, 3), order='C')], a: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')], omega: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')], alpha: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')], gravity: float) -> Annotated[NDArray[numpy.float64], dict(shape=(6), order='C')]:
+    """
+    Wrench [6] about P, P axes, N and N m, that gives a body theta [10] the acceleration a (W, m/s2) at rate omega and angular acceleration alpha (P axes), in attitude R [3,3] (P to W). feed_forward.hpp
+    """
+
 class PoseSensors:
     """The pose that a controller gets from sensors. pose_observer.hpp"""
 
@@ -408,5 +413,5 @@ class ControlLoop:
 
     def trace(self) -> dict:
         """
-        dict of a row per control instant: e_p [K,3] m, e_R rad, tension_norm, tension_step and beyond N, theta [K,10], source, sequence; and n_infeasible. control_loop.hpp
+        dict of a row per control instant: e_p [K,3] m, e_R rad, tension_norm, tension_step and beyond N, theta [K,10], source, sequence, is_cut (1: the command is cut off at the limits). control_loop.hpp
         """

@@ -38,6 +38,7 @@ struct ControlRow {
     double tension_norm;    ///< N, of the true tensions
     double tension_step;    ///< N, greatest change of a commanded tension by this instant's change of parameters alone
     double beyond;          ///< N, by which the worst true tension breaks its limit; 0: none does
+    bool is_cut;            ///< no tensions within the limits give the wrench: the command is cut off at them
     Theta theta;            ///< in use
     ipe_gate_source_t source;
     std::int64_t sequence;  ///< of the estimate in use; -1: none
@@ -69,7 +70,6 @@ public:
     std::size_t size() const { return wanted_.size(); }
     std::size_t done() const { return k_; }
     int steps_per_control() const { return settings_.steps_per_control; }
-    long n_infeasible() const { return controller_.n_infeasible; }
     ParameterGate& gate() { return gate_; }
 
     /// Called at every step of integration with its number, the state and the forces.
@@ -83,7 +83,9 @@ public:
         for (const std::size_t end = std::min(k_ + n, wanted_.size()); k_ < end; ++k_) {
             const double t = static_cast<double>(k_) * period;
             ControlRow row{};
+            const long n_cut = controller_.n_infeasible;
             const Command next = command(t, period, row);
+            row.is_cut = controller_.n_infeasible > n_cut;
             if (k_ == 0) { before_ = next; }
             const Ramp now{before_, next, t, period};
             before_ = next;

@@ -8,7 +8,7 @@
 /// Least Squares Problems", 1974, ch. 23.
 #pragma once
 
-#include "types.hpp"
+#include "cable.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
@@ -106,6 +106,32 @@ inline bool distribute(const WrenchColumns& W, const Vector6& wrench, const Tens
     }
     f = f.cwiseMax(low).cwiseMin(high);
     return false;
+}
+
+/// What a controller distributes between and around: the limits of the configuration, and an even pull of twice the weight's
+/// share within them, chosen so that cables stay taut in a motion; N.
+struct TensionBand {
+    /// mass: kg, of the body
+    TensionBand(const Config& config, double mass)
+        : pull(config.n_cables()), low(config.n_cables()), high(config.n_cables())
+    {
+        const double share = 2.0 * mass * config.c().gravity / config.n_cables();
+        for (int i = 0; i < config.n_cables(); ++i) {
+            low[i] = config.c().cable[i].tension_min, high[i] = config.c().cable[i].tension_max;
+            pull[i] = std::clamp(share, low[i], high[i]);
+        }
+    }
+
+    Tensions pull, low, high;
+};
+
+/// Tensions f [m] that give a wrench (P axes) at the pose p (W, m), R (P to W). False: cut off at the limits. Throws
+/// std::domain_error as cable_line() does.
+inline bool distribute(const Config& config, const TensionBand& band, const Vector6& wrench, const Vector3& p,
+                       const Matrix3& R, Tensions& f)
+{
+    const WrenchMatrix matrix = wrench_matrix(config, p, R, Vector3::Zero());
+    return distribute(matrix.W, wrench - matrix.sag, band.pull, band.low, band.high, f);
 }
 
 }  // namespace inertiad

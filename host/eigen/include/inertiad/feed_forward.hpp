@@ -3,11 +3,7 @@
 /// firmware/core/feed_forward.h; the distribution of the tensions is that of `inertiactl simulate`.
 #pragma once
 
-#include "cable.hpp"
-#include "config.hpp"
 #include "distribution.hpp"
-
-#include <algorithm>
 
 extern "C" {
 #include "feed_forward.h"
@@ -32,15 +28,7 @@ inline Vector6 feed_forward(const Theta& theta, const Matrix3& R, const Vector3&
 inline bool feed_forward_tensions(const Config& config, const Vector6& wrench, double mass, const Vector3& p,
                                   const Matrix3& R, Tensions& f)
 {
-    const int m = config.n_cables();
-    const double share = 2.0 * mass * config.c().gravity / m;
-    Tensions pull(m), low(m), high(m);
-    for (int i = 0; i < m; ++i) {
-        low[i] = config.c().cable[i].tension_min, high[i] = config.c().cable[i].tension_max;
-        pull[i] = std::clamp(share, low[i], high[i]);
-    }
-    const WrenchMatrix matrix = wrench_matrix(config, p, R, Vector3::Zero());
-    return distribute(matrix.W, wrench - matrix.sag, pull, low, high, f);
+    return distribute(config, TensionBand(config, mass), wrench, p, R, f);
 }
 
 }  // namespace inertiad

@@ -358,13 +358,9 @@ private:
 class Controller {
 public:
     Controller(const Config& config, const PlantSettings& settings, const Theta& theta)
-        : config_(config), settings_(settings), pull_(config.n_cables()), low_(config.n_cables()),
-          high_(config.n_cables())
+        : config_(config), settings_(settings), theta_(theta), mass_(detail::mass_matrix(theta)),
+          band_(config, theta[0])
     {
-        for (int i = 0; i < config.n_cables(); ++i) {
-            low_[i] = config.c().cable[i].tension_min, high_[i] = config.c().cable[i].tension_max;
-        }
-        set_body(theta);
     }
 
     /// Use another body from now on, the platform in attitude R. The integral gives up what the new parameters explain of
@@ -421,8 +417,7 @@ public:
     /// Tensions for a wrench at the state's pose; false: cut off at the limits.
     bool hold(PlantState& x, const Vector6& wrench, Tensions& f) const
     {
-        const WrenchMatrix matrix = wrench_matrix(config_, x.p(), x.R(), Vector3::Zero());
-        return distribute(matrix.W, wrench - matrix.sag, pull_, low_, high_, f);
+        return distribute(config_, band_, wrench, x.p(), x.R(), f);
     }
 
 private:
@@ -430,8 +425,7 @@ private:
     {
         theta_ = theta;
         mass_ = detail::mass_matrix(theta);
-        const double share = 2.0 * theta[0] * config_.c().gravity / config_.n_cables();
-        for (int i = 0; i < config_.n_cables(); ++i) { pull_[i] = std::clamp(share, low_[i], high_[i]); }
+        band_ = TensionBand(config_, theta[0]);
     }
 
     /// l_d' [m] of the reference.
@@ -450,7 +444,7 @@ private:
     PlantSettings settings_;
     Theta theta_;
     Matrix6 mass_;
-    Tensions pull_, low_, high_;
+    TensionBand band_;
 };
 
 }  // namespace inertiad

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The pose that a controller gets from a tracker and a strapped IMU, each as late as it arrives.
 ///
-///   p' = v + 3 w e     v' = R f - g z + b + 3 w^2 e     b' = w^3 e      e: tracked target - R target - p
-/// f: accelerometer, b: what it lacks. The attitude is that of the newest IMU sample, turned on by its gyro. A triple pole at w:
-/// the observer of a known-acceleration double integrator with a bias (Luenberger, 1964).
+///   p' = v + 3 k e     v' = R f - g z + b + 3 k^2 e     b' = k^3 e      e: tracked target - R target - p, m
+/// f: accelerometer, m/s2; b: what it lacks, W, m/s2; gains 3 k in 1/s, 3 k^2 in 1/s2, k^3 in 1/s3. The attitude is that of the
+/// newest IMU sample, turned on by its gyro. A triple pole at k: the observer of a known-acceleration double integrator with a
+/// bias (Luenberger, 1964). No heap; one thread.
 #pragma once
 
 #include "types.hpp"
 
 #include <Eigen/Geometry>
 
-#include <vector>
+#include <algorithm>
 
 namespace inertiad {
 
@@ -23,7 +24,7 @@ struct ImuSample {
 
 class PoseObserver {
 public:
-    /// rate: w, rad/s; target: of the tracker, P, m; p, v, R, w: the start, known.
+    /// rate: k, rad/s; gravity: m/s2; target: of the tracker, P, m; p, v (W), R (P to W): the start, known.
     PoseObserver(double rate, double gravity, const Vector3& target, const Vector3& p, const Vector3& v,
                  const Matrix3& R)
         : rate_(rate), gravity_(gravity), target_(target), p_(p), v_(v), R_(R)
@@ -36,8 +37,7 @@ public:
     void take(const Vector3& tracked, double since)
     {
         const Vector3 e = tracked - R_ * target_ - p_;
-        const double x =
-            std::min(rate_ * since, 0.3);  // s w: beyond it the gains of a sampled observer would be unstable
+        const double x = std::min(rate_ * since, 0.3);  // k since: beyond it a sampled observer would be unstable
         p_ += 3.0 * x * e;
         v_ += 3.0 * x * rate_ * e;
         b_ += x * rate_ * rate_ * e;

@@ -3,6 +3,7 @@
 #include "motion.hpp"
 
 #include <inertiad/control_loop.hpp>
+#include <inertiad/feed_forward.hpp>
 
 #include <nanobind/stl/optional.h>
 
@@ -102,20 +103,20 @@ public:
     {
         const std::size_t n = rows_.size();
         Out<2> e_p({n, 3}), theta({n, 10});
-        Out<1> e_R({n}), norm({n}), step({n}), beyond({n}), source({n}), sequence({n});
+        Out<1> e_R({n}), norm({n}), step({n}), beyond({n}), cut({n}), source({n}), sequence({n});
         for (std::size_t k = 0; k < n; ++k) {
             const inertiad::ControlRow& row = rows_[k];
             std::copy_n(row.e_p.data(), 3, e_p.data + 3 * k);
             std::copy_n(row.theta.data(), 10, theta.data + 10 * k);
             e_R.data[k] = row.e_R, norm.data[k] = row.tension_norm, step.data[k] = row.tension_step;
-            beyond.data[k] = row.beyond, source.data[k] = row.source;
+            beyond.data[k] = row.beyond, cut.data[k] = row.is_cut ? 1.0 : 0.0, source.data[k] = row.source;
             sequence.data[k] = static_cast<double>(row.sequence);
         }
         nb::dict d;
         d["e_p"] = e_p.release(), d["e_R"] = e_R.release(), d["tension_norm"] = norm.release();
         d["tension_step"] = step.release(), d["beyond"] = beyond.release(), d["theta"] = theta.release();
         d["source"] = source.release(), d["sequence"] = sequence.release();
-        d["n_infeasible"] = loop_.n_infeasible();
+        d["is_cut"] = cut.release();
         return d;
     }
 
@@ -136,6 +137,7 @@ void bind_gate(nb::module_& m)
         .def_rw("verdict_max", &ipe_gate_limits_t::verdict_max)
         .def_rw("age_max", &ipe_gate_limits_t::age_max)
         .def_rw("transition_time", &ipe_gate_limits_t::transition_time)
+        .def_rw("change_time", &ipe_gate_limits_t::change_time)
         .def_rw("step_sigmas", &ipe_gate_limits_t::step_sigmas)
         .def_rw("n_return", &ipe_gate_limits_t::n_return)
         .def_rw("keep_last_good", &ipe_gate_limits_t::keep_last_good);
@@ -175,6 +177,14 @@ void bind_gate(nb::module_& m)
 void bind_control(nb::module_& m)
 {
     bind_gate(m);
+    m.def(
+        "feed_forward",
+        [](const inertiad::Theta& theta, const inertiad::Matrix3& R, const inertiad::Vector3& a,
+           const inertiad::Vector3& w, const inertiad::Vector3& alpha,
+           double gravity) { return inertiad::feed_forward(theta, R, a, w, alpha, gravity); },
+        "theta"_a, "R"_a, "a"_a, "omega"_a, "alpha"_a, "gravity"_a,
+        "Wrench [6] about P, P axes, N and N m, that gives a body theta [10] the acceleration a (W, m/s2) at rate omega "
+        "and angular acceleration alpha (P axes), in attitude R [3,3] (P to W). feed_forward.hpp");
     nb::class_<inertiad::PoseSensors>(m, "PoseSensors",
                                       "The pose that a controller gets from sensors. pose_observer.hpp")
         .def(
@@ -236,5 +246,5 @@ void bind_control(nb::module_& m)
         .def(
             "trace", &Loop::trace,
             "dict of a row per control instant: e_p [K,3] m, e_R rad, tension_norm, tension_step and beyond N, theta [K,10], "
-            "source, sequence; and n_infeasible. control_loop.hpp");
+            "source, sequence, is_cut (1: the command is cut off at the limits). control_loop.hpp");
 }

@@ -17,7 +17,18 @@ REJECTED: Final = tuple(name for name, counter in PIPELINE.items() if counter["i
 BAD_CAUSES: Final = (
     *("dropped_by_kernel", "dropped_by_logger", "controller_overruns", "error_frames", "went_down"),
     *("bad_stamp", "bad_name", "bad_id", "bad_data", "bad_tail", "too_long", "cut", "stray_stamp", "stray_time"),
-    *("bad_rows", "lost", "refused", "failed", "estimates_not_finite", "tracker_bad_message"),
+    *(
+        "bad_frame",
+        "bad_position",
+        "bad_command",
+        "bad_time",
+        "bad_rows",
+        "lost",
+        "refused",
+        "failed",
+        "estimates_not_finite",
+        "tracker_bad_message",
+    ),
 )
 """causes of the daemon's other counters that must be zero on a good run"""
 

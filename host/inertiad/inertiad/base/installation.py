@@ -25,7 +25,16 @@ def daemon() -> Path:
     path = _place("build/bin/inertiad", "bin/inertiad", "bin/inertiad")
     if path is None:
         remedy = "install the daemon" if SOURCE_TREE is None else "run make build"
-        raise InputError(f"inertiad: not found; {remedy}, or pass --daemon FILE")
+        raise InputError(f"inertiad: not found; {remedy}")
+    return path
+
+
+def feed_forward_model() -> Path:
+    """The library that an FMU of the feed-forward holds. InputError: it was not built."""
+    name = "inertiad_feed_forward.so"
+    path = _place(f"build/lib/{name}", f"lib/{name}", f"lib/inertiad/{name}")
+    if path is None:
+        raise InputError(f"{name}: not found; run make fmu in the source tree")
     return path
 
 

@@ -21,6 +21,8 @@ from inertiad_lcm import command_t, order_item_t, robot_config_t
 BATCH_SIGMAS: Final = 2.0
 """published standard deviations that recursion and batch may differ by"""
 TRUTH_SIGMAS: Final = 4.0
+NUMBERS: Final = 20
+"""of expectation_t, beside its time"""
 
 
 @dataclass
@@ -51,8 +53,8 @@ def _in_order(case: Case) -> Iterator[tuple[int, int, Any]]:
     yield at, n, None
 
 
-def _execute(pipeline: Any, item: Any) -> None:
-    """Use one position or command."""
+def _execute(pipeline: Any, item: Any, expected: list[float]) -> None:
+    """Use one position or command. expected: numbers of the EXPECT whose items come, emptied with the last."""
     if item.kind == order_item_t.POSITION:
         pipeline.push_position(item.t_ns, np.array(item.value))
     elif item.kind in (command_t.FREEZE, command_t.RESUME):
@@ -61,6 +63,11 @@ def _execute(pipeline: Any, item: Any) -> None:
         pipeline.reset()
     elif item.kind == command_t.TARE:
         pipeline.set_gyro_bias(np.array(item.value))
+    elif item.kind == command_t.EXPECT:
+        expected += item.value
+        if len(expected) == 3 * order_item_t.EXPECT_ITEMS:
+            pipeline.expect(item.t_ns, np.array(expected[:NUMBERS]))
+            expected.clear()
 
 
 def recompute(case: Case) -> Recomputed:
@@ -78,6 +85,7 @@ def recompute(case: Case) -> Recomputed:
             if status >= 0:
                 mine.after_row.append(mine.last)
 
+    expected: list[float] = []
     for begin, end, item in _in_order(case):
         for k in range(begin, end):
             pipeline.push_frame(t_ns[k], bus[k], can_id[k], data[width * k : width * k + length[k]], flags[k])
@@ -86,7 +94,7 @@ def recompute(case: Case) -> Recomputed:
             mine.is_whole = False
             break
         if item is not None:
-            _execute(pipeline, item)
+            _execute(pipeline, item, expected)
             mine.last = None if item.kind == command_t.RESET else mine.last
             step()
     pipeline.flush()

@@ -65,6 +65,14 @@ class Options:
     latency_max: float = LATENCY_MAX
 
 
+def _installed_daemon() -> Path:
+    """InputError: there is none; the option that gives another one."""
+    try:
+        return installation.daemon()
+    except InputError as error:
+        raise InputError(f"{error}, or pass --daemon FILE") from None
+
+
 def _setup(options: Options, robot: Robot, data: bytes, folder: Path) -> Setup:
     config = options.config
     if config is None:
@@ -73,7 +81,7 @@ def _setup(options: Options, robot: Robot, data: bytes, folder: Path) -> Setup:
     with_tracker = robot.position.source == "tracker"
     if with_tracker and not (options.run / "tracker.csv").exists():
         raise InputError(f'{options.run / "tracker.csv"}: not found, but position.source = "tracker"')
-    daemon = options.daemon or installation.daemon()
+    daemon = options.daemon or _installed_daemon()
     return Setup(options.run, folder, config, daemon, max(1, len(robot.bus)), with_tracker, options.url)
 
 

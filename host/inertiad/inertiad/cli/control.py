@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from inertiad.cli.options import RobotFile, command_line, progress_shown, say, say_written
+from inertiad.cli.options import Folder, RobotFile, command_line, progress_shown, say, say_written
 
 commands = typer.Typer()
 
@@ -16,7 +16,7 @@ commands = typer.Typer()
 )
 def control(
     robot: RobotFile,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="For control.json, control.html.")],
+    output: Folder,
     payload: Annotated[
         list[str] | None,
         typer.Option(metavar="KG@S", help="Payload taken up at a time; also KG@S@x,y,z or BODY.toml@S."),
@@ -38,6 +38,10 @@ def control(
         Path | None, typer.Option(metavar="FILE", help="Body at the start, known as nominal; .toml or .json.")
     ] = None,
     mass: Annotated[float | None, typer.Option(metavar="KG", help="Its mass instead of [nominal]'s.")] = None,
+    announce: Annotated[
+        list[str] | None,
+        typer.Option(metavar="payload|KG@S", help="Tell the daemon 1 s before: what --payload says, or another one."),
+    ] = None,
     kill: Annotated[
         float | None, typer.Option(metavar="S", help="Kill the daemon then; it comes back 1 s later.")
     ] = None,
@@ -45,7 +49,8 @@ def control(
     """Control a simulated robot with the daemon's live parameters, beside nominal, exact and adapted ones.
 
     The daemon runs in its own process, in lock-step: frames and positions with faults go in, ESTIMATE comes out and
-    reaches the controller through the parameter gate. Exit code 1: live parameters were worse than nominal ones.
+    reaches the controller through the parameter gate. Writes control.json and control.html.
+    Exit code 1: live parameters were worse than nominal ones, or the platform was lost.
     Arms: nominal: the body at the start; live; oracle: the true body; adaptive: Slotine and Li's law.
     """
     from inertiad.base import finding
@@ -57,7 +62,18 @@ def control(
     if pose not in ("true", "measured"):
         raise InputError(f'--pose "{pose}": allowed: true, measured')
     words = request.Arguments(
-        tuple(payload or ()), bandwidth, arms, pose == "measured", plant, faults, seeds, trajectory, body, mass, kill
+        tuple(payload or ()),
+        bandwidth,
+        arms,
+        pose == "measured",
+        plant,
+        faults,
+        seeds,
+        trajectory,
+        body,
+        mass,
+        kill,
+        announce=tuple(announce or ()),
     )
     with progress_shown() as progress:
         progress("choose the motion")

@@ -15,11 +15,18 @@ commands = typer.Typer()
 @commands.command("export", epilog="Example: inertiactl export run --to parquet -o run.parquet")
 def export_command(
     run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json.")
+        Path,
+        typer.Argument(
+            metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json; of fmu: robot.toml."
+        ),
     ],
     to: Annotated[
         str,
-        typer.Option("--to", metavar="FORMAT", help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json."),
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="csv parquet mcap mat mf4 candump; of the body: urdf mjcf json; of a robot: fmu.",
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write; -: stdout.")],
     robot: Annotated[
@@ -30,7 +37,8 @@ def export_command(
     """Write a run for other tools: signals, tracker, estimates, frames, events, health, all with units.
 
     csv and parquet hold one of these each: FILE the first, FILE's stem.tracker.csv and so on the others. urdf, mjcf
-    and json hold the identified body in the platform frame. Layouts: python -m pydoc inertiad.exchange.file_formats
+    and json hold the identified body in the platform frame. fmu is the feed-forward for Simulink and other tools (FMI
+    3.0): parameters are inputs, wrench and tensions outputs. Layouts: python -m pydoc inertiad.exchange.file_formats
     """
     from inertiad.exchange import convert
 

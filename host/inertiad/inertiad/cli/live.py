@@ -65,9 +65,13 @@ def live(
 
 @commands.command(epilog='Example: inertiactl command mark "load on"')
 def command(
-    name: Annotated[str, typer.Argument(metavar="freeze|resume|reset|tare|configure|mark")],
+    name: Annotated[str, typer.Argument(metavar="freeze|resume|reset|tare|configure|mark|expect")],
     argument: Annotated[
-        str | None, typer.Argument(metavar="[FILE|TEXT]", help="FILE of configure, TEXT of mark.")
+        str | None,
+        typer.Argument(metavar="[FILE|TEXT|PAYLOAD]", help="FILE of configure, TEXT of mark, PAYLOAD of expect."),
+    ] = None,
+    std: Annotated[
+        str | None, typer.Option(metavar="KG,M,KGM2", help="Sigmas of an expected payload's mass, CoG and inertia.")
     ] = None,
     url: Url = DEFAULT_URL,
     prefix: Prefix = DEFAULT_PREFIX,
@@ -78,13 +82,14 @@ def command(
     """Send a command to a running daemon and print its answer.
 
     freeze: learn nothing more; resume: learn again; reset: start from the prior; tare: take the gyro's bias at rest;
-    configure FILE: use this compiled configuration; mark TEXT: note it in the record.
+    configure FILE: use this compiled configuration; mark TEXT: note it in the record; expect KG@S@x,y,z or FILE@S: this
+    payload touches the platform S seconds from now, a point in P or a body; below 0 kg: it is set down.
 
     Exit code 0: done, 1: the daemon refused, 2: no answer.
     """
     from inertiad.live import command as commands
 
-    answer = commands.send(commands.make(name, argument), url, prefix, patience)
+    answer = commands.send(commands.make(name, argument, std), url, prefix, patience)
     if answer is None:
         raise InputError(f"--lcm {url}: no answer on {prefix}EVENT within {patience:g} s: does inertiad run there?")
     typer.echo(answer.text)

@@ -28,6 +28,9 @@ def _folder(output: Path | None) -> Path | None:
 RunFolder = Annotated[
     Path, typer.Option("-o", "--output", metavar="RUN", callback=_folder, help="Run folder to write.")
 ]
+Folder = Annotated[
+    Path, typer.Option("-o", "--output", metavar="FOLDER", callback=_folder, help="Folder for the files it writes.")
+]
 Figures = Annotated[
     Path | None,
     typer.Option("--figures", metavar="FOLDER", callback=_folder, help="Folder for every figure as PNG and PDF."),

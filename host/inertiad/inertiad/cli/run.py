@@ -84,8 +84,9 @@ def encode(
 
     with progress_shown() as progress:
         progress("pack frames")
-        n_frames = encoder.encode(robot, description.load(robot), signals, tracker, output)
-    say(f"{output}: {n_frames} frames")
+        n_frames, notes = encoder.encode(robot, description.load(robot), signals, tracker, output)
+    for line in (*notes, f"{output}: {n_frames} frames"):
+        say(line)
 
 
 @commands.command(epilog="Example: inertiactl verify run --bus file")

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from inertiad.base.error import InputError
-from inertiad.cli.options import say, write_text
+from inertiad.cli.options import Folder, say, write_text
 
 commands = typer.Typer()
 
@@ -16,9 +16,7 @@ TextOutput = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help
 
 @commands.command(epilog="Example: inertiactl demo -o demo")
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Folder for its files.")] = Path(
-        "demo"
-    ),
+    output: Folder = Path("demo"),
     isolated: Annotated[bool, typer.Option("--isolated", hidden=True, help="It runs in a network of its own.")] = False,
 ) -> None:
     """Simulate the paper's experiment, stream it through the daemon, compare the estimate with the truth."""

@@ -12,14 +12,16 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 import inertiad_core
 from inertiad.base.error import InputError
 from inertiad.base.table import Array
 from inertiad.control.daemon import Daemon
 from inertiad.control.online_sensors import OnlineSensors
-from inertiad.model import forward_dynamics
+from inertiad.model import expectation, forward_dynamics
 from inertiad.model.inverse_dynamics import Mechanics, below_hint
+from inertiad.model.payload import Payload
 from inertiad.robot import configuration, description
 from inertiad.robot.description import read_data
 from inertiad.run import folder as run_folder
@@ -27,7 +29,7 @@ from inertiad.run import lcmlog
 from inertiad.run.lcmlog import Event
 from inertiad.simulate import simulator
 from inertiad.simulate.simulator import START, Run
-from inertiad_lcm import estimate_t, event_t
+from inertiad_lcm import command_t, estimate_t, event_t
 
 ARMS: Final = ("nominal", "live", "oracle", "adaptive")
 """where the controller's parameters come from; in the order of inertiad::Arm"""
@@ -35,6 +37,8 @@ SOURCES: Final = ("nominal parameters", "live parameters", "the last good parame
 """in the order of ipe_gate_source_t"""
 POLL: Final = 0.02
 """s between two looks for estimates: the period of ESTIMATE as configured by default"""
+ANNOUNCED_BEFORE: Final = 1.0
+"""s"""
 DOWN: Final = 1.0
 """s from the daemon's end to its restart, as systemd's RestartSec=1"""
 OBSERVER_SHARE: Final = 1.0
@@ -54,8 +58,8 @@ class Trial:
     is_pose_measured: bool = False
     kill_at: float = np.inf
     """s, the daemon dies; it comes back DOWN later and has forgotten everything"""
-    stale_at: float = np.inf
-    """s, an ESTIMATE from the beginning comes once more"""
+    announced: tuple[Payload, ...] = ()
+    """that the daemon is told of ANNOUNCED_BEFORE their contact; they need not be those that come"""
 
 
 @dataclass
@@ -78,8 +82,8 @@ class Trace:
     """[K, 10], in use"""
     source: Array
     """[K], index of SOURCES"""
-    n_infeasible: int
-    """commands cut off at the limits"""
+    is_cut: NDArray[np.bool_]
+    """[K], the command is cut off at the limits of the tensions: it does not give the wrench"""
     offers: Counter[str] = field(default_factory=Counter)
     """estimates by what became of them"""
     told: list[tuple[float, str]] = field(default_factory=list)
@@ -94,9 +98,8 @@ class _Mailbox:
         config = folder / "robot.cfg"
         config.write_bytes(_compiled(trial.run, folder))
         self._daemon = Daemon(config, folder / "inertiad.log")
-        self._first: estimate_t | None = None
         self._last_reason = 0
-        self._is_stale_sent = False
+        self._to_announce = sorted(trial.announced, key=lambda payload: payload.time)
         self.offers: Counter[str] = Counter()
         self.told: list[tuple[float, str]] = []
 
@@ -113,11 +116,23 @@ class _Mailbox:
         if not self._daemon.is_running:
             self._daemon.start()
             self.told.append((t, "the daemon was started again"))
-        for event in self._daemon.ask(lines):
+        for event in self._daemon.ask([*lines, *self._announcements(t, now_ns)]):
             self._take(event, t, now_ns)
-        if t >= self._trial.stale_at and not self._is_stale_sent and self._first is not None:
-            self._is_stale_sent = True
-            self._offer(self._first, t, now_ns)
+
+    def _announcements(self, t: float, now_ns: int) -> list[str]:
+        """Lines of the commands that are due."""
+        due = [payload for payload in self._to_announce if payload.time - ANNOUNCED_BEFORE <= t]
+        self._to_announce = self._to_announce[len(due) :]
+        found = []
+        for number, payload in enumerate(due):
+            command = command_t()
+            command.kind, command.text, command.sender, command.sequence = command_t.EXPECT, "", 1, number
+            command.t_ns = now_ns
+            contact_ns = max(now_ns, round(1e9 * (START + payload.time)))
+            command.config = expectation.message(payload.theta, contact_ns).encode()
+            command.n_config = len(command.config)
+            found.append(f"command {command.encode().hex()}\n")
+        return found
 
     def _take(self, event: Event, t: float, now_ns: int) -> None:
         if event.channel == "EVENT":
@@ -125,7 +140,6 @@ class _Mailbox:
             self.told.append((t, f"inertiad: {said.source}: {said.text}"))
         elif event.channel == "ESTIMATE":
             estimate = lcmlog.decode(estimate_t, event, "inertiad")
-            self._first = self._first or estimate
             self._offer(estimate, t, now_ns)
 
     def _offer(self, e: estimate_t, t: float, now_ns: int) -> None:
@@ -228,7 +242,7 @@ def _trace(loop: Any, period: float, mailbox: _Mailbox | None) -> Trace:
         found["beyond"],
         found["theta"],
         source,
-        found["n_infeasible"],
+        found["is_cut"] > 0.0,
         mailbox.offers if mailbox else Counter(),
         sorted(told),
     )

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from inertiad.base.error import InputError
 from inertiad.control import closed_loop
 from inertiad.control.closed_loop import ARMS, Trace, Trial
+from inertiad.model.payload import Payload
 from inertiad.robot.messages import nearest
 from inertiad.simulate.simulator import Run
 
 SETTLING: Final = 3.0
-"""s after a contact that belong to the transient"""
+"""s after a contact that belong to the transient,"""
+SETTLING_ANNOUNCED: Final = 0.5
+"""the same where it is announced"""
 PHASES: Final = ("before", "transient", "late")
 KEYS: Final = ("rms_mm", "max_mm", "rms_deg", "late_rms_mm")
 """of control.json"""
@@ -47,17 +50,22 @@ class Outcome:
     phases: dict[str, Phase]
     """of PHASES, those that there are"""
     hand_over: float
-    """greatest step of a tension by a change of parameters, of the tensions' range"""
+    """greatest step of a tension by a change of parameters, of the tensions' range; NaN: not measured, they adapt"""
     beyond: float
     """N, by which the worst tension breaks its limit; 0: none does"""
-    n_infeasible: int
+    n_cut: int
+    """commands cut off at the limits of the tensions, of as many as the trace has rows"""
+    cut_at: float
+    """s, the first of them; NaN: none was"""
+    settling: float
+    """s after the contact that belong to its transient"""
     trace: Trace
 
     @property
     def document(self) -> dict[str, float]:
-        """The values of control.json."""
-        late = self.phases.get("late", self.whole)
-        values = (self.whole.rms_mm, self.whole.max_mm, self.whole.rms_deg, late.rms_mm)
+        """The values of control.json; NaN: the motion ends before the transient does."""
+        late = self.phases["late"].rms_mm if "late" in self.phases else np.nan
+        values = (self.whole.rms_mm, self.whole.max_mm, self.whole.rms_deg, late)
         return dict(zip(KEYS, values, strict=True))
 
 
@@ -71,24 +79,28 @@ def _phase(trace: Trace, part: NDArray[np.bool_]) -> Phase:
     )
 
 
-def measured(trial: Trial, trace: Trace) -> Outcome:
-    """The outcome of a trial."""
-    contact = min((p.time for p in trial.run.payloads), default=0.0)
+def measured(trial: Trial, trace: Trace, settling: float = SETTLING) -> Outcome:
+    """The outcome of a trial. settling: s after the contact that belong to the transient."""
+    contacts = [p.time for p in trial.run.payloads] or [0.0]
     t = trace.t
-    masks = (t < contact, (t >= contact) & (t < contact + SETTLING), t >= contact + SETTLING)
+    settled = max(contacts) + settling
+    masks = (t < min(contacts), (t >= min(contacts)) & (t < settled), t >= settled)
     phases = {name: _phase(trace, mask) for name, mask in zip(PHASES, masks, strict=True) if mask.any()}
     cables = trial.run.robot.cable
     span = min(cable.tension_max - cable.tension_min for cable in cables)
     beyond = float(trace.beyond.max())
+    cut = np.flatnonzero(trace.is_cut)
     return Outcome(
         trial.arm,
         trial.bandwidth,
         trial.run.seed,
         _phase(trace, np.ones(len(t), dtype=bool)),
         phases,
-        float(trace.tension_step.max()) / span,
+        np.nan if trial.arm == "adaptive" else float(trace.tension_step.max()) / span,
         beyond if beyond > LIMIT_NOISE else 0.0,
-        trace.n_infeasible,
+        len(cut),
+        float(t[cut[0]]) if len(cut) else np.nan,
+        settling,
         trace,
     )
 
@@ -103,6 +115,12 @@ class Request:
     seeds: tuple[int, ...]
     is_pose_measured: bool
     kill_at: float = np.inf
+    announced: tuple[Payload, ...] = ()
+
+    @property
+    def settling(self) -> float:
+        """s after the contact that belong to the transient."""
+        return SETTLING_ANNOUNCED if self.announced else SETTLING
 
 
 def run_all(request: Request, progress: Callable[[str], None]) -> list[Outcome]:
@@ -114,8 +132,8 @@ def run_all(request: Request, progress: Callable[[str], None]) -> list[Outcome]:
             for arm in request.arms:
                 progress(f"seed {seed}, {bandwidth:g} Hz, {arm}")
                 kill_at = request.kill_at if arm == "live" else np.inf
-                trial = Trial(run, arm, bandwidth, request.is_pose_measured, kill_at)
-                outcomes.append(measured(trial, closed_loop.control(trial)))
+                trial = Trial(run, arm, bandwidth, request.is_pose_measured, kill_at, announced=request.announced)
+                outcomes.append(measured(trial, closed_loop.control(trial), request.settling))
     return outcomes
 
 
@@ -141,7 +159,7 @@ def _median(outcomes: list[Outcome], phase: str, name: str) -> float:
 
 
 def rows(outcomes: list[Outcome]) -> list[list[str]]:
-    """Cells of the table, a row per bandwidth and arm: rms and max per phase, attitude, tensions, hand-over, limits."""
+    """Cells of the table under head(), a row per bandwidth and arm. Empty: there is no such phase, or not measured."""
     found = []
     for bandwidth in dict.fromkeys(o.bandwidth for o in outcomes):
         for arm in dict.fromkeys(o.arm for o in outcomes):
@@ -151,7 +169,9 @@ def rows(outcomes: list[Outcome]) -> list[list[str]]:
                 rms, most = (_median(some, phase, name) for name in ("rms_mm", "max_mm"))
                 cells += [_number(rms), _number(most)]
             cells += [_number(_median(some, "late", "rms_deg")), _number(_median(some, "late", "tension_norm"), 0)]
-            cells += [f"{100 * max(o.hand_over for o in some):.2f} %", f"{max(o.beyond for o in some):.0f} N"]
+            hand_over = max(o.hand_over for o in some)
+            cells += ["" if np.isnan(hand_over) else f"{100 * hand_over:.2f} %"]
+            cells += [f"{max(o.beyond for o in some):.0f} N", f"{max(o.n_cut for o in some)}"]
             found.append(cells)
     return found
 
@@ -160,16 +180,19 @@ def _number(value: float, digits: int = 2) -> str:
     return "" if np.isnan(value) else f"{value:.{digits}f}"
 
 
-HEAD: Final = (
-    *("bandwidth", "parameters", "before rms", "max", "first 3 s rms", "max", "later rms", "max"),
-    *("attitude, deg", "tensions, N", "hand-over", "over limit"),
-)
+def head(outcomes: list[Outcome]) -> list[str]:
+    """Titles of the table's columns."""
+    first = f"first {outcomes[0].settling:g} s rms"
+    return [
+        *("bandwidth", "parameters", "before rms", "max", first, "max", "later rms", "max"),
+        *("attitude, deg", "tensions, N", "hand-over", "over limit", "cut off"),
+    ]
 
 
 def lines(outcomes: list[Outcome]) -> list[str]:
-    """The table as text, and what was told of the first seed's live arm."""
-    table = [list(HEAD), *rows(outcomes)]
-    width = [max(len(row[i]) for row in table) for i in range(len(HEAD))]
+    """The table as text, columns aligned."""
+    table = [head(outcomes), *rows(outcomes)]
+    width = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     aligned = [
         "  ".join(cell.ljust(w) if i < 2 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, width, strict=True)))
         for row in table
@@ -178,8 +201,15 @@ def lines(outcomes: list[Outcome]) -> list[str]:
 
 
 def write_json(path: Path, outcomes: list[Outcome]) -> None:
-    """control.json: {arm: {bandwidth in Hz: medians over the seeds}}."""
-    path.write_text(json.dumps(document(outcomes), indent=1) + "\n", encoding="utf-8")
+    """control.json: {arm: {bandwidth in Hz: medians over the seeds}}; null: the motion has no such phase."""
+    written = {
+        arm: {
+            hz: {key: None if np.isnan(value) else value for key, value in values.items()}
+            for hz, values in found.items()
+        }
+        for arm, found in document(outcomes).items()
+    }
+    path.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
 
 
 def words(text: str, allowed: tuple[str, ...], option: str) -> tuple[str, ...]:

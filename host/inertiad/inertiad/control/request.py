@@ -3,13 +3,20 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from inertiad.base.error import InputError
 from inertiad.control import experiment
 from inertiad.control.experiment import Request
+from inertiad.model import payload
+from inertiad.model.payload import Payload
 from inertiad.simulate import request as simulation
+from inertiad.simulate.simulator import Run
+
+AS_IT_IS: Final = "payload"
+"""of --announce: what --payload says"""
 
 
 @dataclass(frozen=True)
@@ -27,8 +34,26 @@ class Arguments:
     body: Path | None = None
     mass: float | None = None
     kill: float | None = None
+    announce: tuple[str, ...] = ()
+    """AS_IT_IS, or payloads as words"""
     duration: float = 10.0
     """s, of hold"""
+
+
+def _check_kill(kill: float | None, arms: tuple[str, ...], duration: float) -> None:
+    """InputError: a time at which no daemon runs."""
+    if kill is None:
+        return
+    if not 0.0 <= kill < duration:
+        raise InputError(f"--kill {kill:g}: allowed: 0 to {duration:g}, s: the motion's duration")
+    if "live" not in arms:
+        raise InputError("--kill: no arm has a daemon; add live to --arms")
+
+
+def _announced(words: tuple[str, ...], run: Run) -> tuple[Payload, ...]:
+    if words == (AS_IT_IS,):
+        return run.payloads
+    return tuple(payload.parse(item, run.body, "--announce") for item in words)
 
 
 def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[str]]:
@@ -48,12 +73,15 @@ def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[st
         payload=arguments.payload,
     )
     run, remarks = simulation.run_of(robot_file, words)
+    arms = experiment.arms(arguments.arms)
+    _check_kill(arguments.kill, arms, run.trajectory.duration)
     known = run.robot.model_copy(update={"nominal": run.body})
     return Request(
         replace(run, robot=known),
-        experiment.arms(arguments.arms),
+        arms,
         experiment.bandwidths(arguments.bandwidth),
         tuple(range(arguments.seeds)),
         arguments.is_pose_measured,
         np.inf if arguments.kill is None else arguments.kill,
+        _announced(arguments.announce, run),
     ), remarks

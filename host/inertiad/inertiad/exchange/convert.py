@@ -12,12 +12,13 @@ import numpy as np
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Table, at_ns, header
-from inertiad.exchange import body_formats, dataset, file_formats, foreign_messages, foreign_tables
+from inertiad.exchange import body_formats, dataset, file_formats, fmu, foreign_messages, foreign_tables
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import description
 from inertiad.run import canlog
 from inertiad.run import folder as run_folder
 
+FMU: Final = "fmu"
 IS_OWN: Final[dict[str, Callable[[Path], bool]]] = {
     ".parquet": foreign_tables.is_own_parquet,
     ".mat": foreign_tables.is_own_mat,
@@ -28,7 +29,7 @@ IS_OWN: Final[dict[str, Callable[[Path], bool]]] = {
 
 
 def _check(form: str) -> None:
-    known = [*file_formats.FORMATS, *body_formats.FORMATS]
+    known = [*file_formats.FORMATS, *body_formats.FORMATS, FMU]
     if form not in known:
         near = difflib.get_close_matches(form, known, n=1, cutoff=0.5)
         hint = f"; did you mean {near[0]}?" if near else ""
@@ -42,6 +43,8 @@ def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, 
     is not installed.
     """
     _check(form)
+    if form == FMU:
+        return [fmu.write(run, output)]
     if form in body_formats.FORMATS:
         body = body_formats.read(run)
         body_formats.write(output, body, form)

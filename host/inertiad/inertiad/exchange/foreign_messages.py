@@ -2,11 +2,12 @@
 """Recordings of messages as channels: MCAP (JSON and protobuf), ROS bags, CAN logs with the DBC files of their buses.
 
 Every number of a message is a channel, named by topic and field: /imu/data.linear_acceleration.x; numbers of arrays
-count from 0. Its time is the stamp in the message, where there is one, else the recorder's.
+count from 0. Its time is the stamp in the message, where every message of the topic has one and not all are zero, else
+the recorder's. A CAN message that came on several interfaces has a set of channels for each: can1:IMU.acc_x.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +28,9 @@ from inertiad.run.canlog import CanLog
 ELEMENTS_MAX: Final = 64
 """of an array that become channels: images and point clouds are no signals"""
 STAMPS: Final = ("t_ns", "stamp", "timestamp", "t", "time")
-LEFT_OUT: Final = ("covariance", "header", "seq", "layout")
+LEFT_OUT: Final = ("header", "seq", "layout")
+COVARIANCE: Final = "covariance"
+"""ends the name of a field that is left out, too: orientation_covariance"""
 UNITS: Final = (
     ("linear_acceleration", "m/s2"),
     ("angular_velocity", "rad/s"),
@@ -40,24 +43,38 @@ UNITS: Final = (
 
 
 class _Collected:
-    """Numbers by topic and field, each with its time."""
+    """Numbers by topic and field, and the times of each topic's messages."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.samples: dict[str, tuple[list[float], list[float]]] = {}
+        self.times: dict[str, tuple[list[float], list[float | None]]] = {}
+        self.samples: dict[tuple[str, str], tuple[list[int], list[float]]] = {}
 
-    def add(self, topic: str, t: float, numbers: Iterable[tuple[str, float]]) -> None:
-        for field, value in numbers:
-            times, values = self.samples.setdefault(f"{topic}.{field}", ([], []))
-            times.append(t)
+    def add(self, topic: str, logged: float, content: dict[str, Any]) -> None:
+        """A message that was recorded at logged, s."""
+        stamp, rest = _stamped(content)
+        recorder, stamps = self.times.setdefault(topic, ([], []))
+        for field, value in _numbers(rest):
+            numbers, values = self.samples.setdefault((topic, field), ([], []))
+            numbers.append(len(recorder))
             values.append(value)
+        recorder.append(logged)
+        stamps.append(stamp)
+
+    def _t(self, topic: str) -> Array:
+        """s, of a topic's messages. One clock for all: a sensor whose clock starts at 0 has stamps all the same."""
+        recorder, stamps = self.times[topic]
+        whole = [stamp for stamp in stamps if stamp is not None]
+        return np.array(whole if len(whole) == len(stamps) and any(whole) else recorder, np.float64)
 
     def channels(self, is_si: bool) -> list[Channel]:
         """InputError: nothing of numbers."""
         found = []
-        for name, (t, value) in self.samples.items():
+        t = {topic: self._t(topic) for topic in self.times}
+        for (topic, field), (numbers, value) in self.samples.items():
+            name = f"{topic}.{field}"
             unit = next((u for part, u in UNITS if part in name), "") if is_si else ""
-            channel = in_order(self.path, name, unit, np.array(t), np.array(value))
+            channel = in_order(self.path, name, unit, t[topic][numbers], np.array(value))
             if channel is not None:
                 found.append(channel)
         if not found:
@@ -71,7 +88,7 @@ def _numbers(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
         yield place, float(value)
     elif isinstance(value, dict):
         for key, one in value.items():
-            if not any(word in key for word in LEFT_OUT):
+            if key not in LEFT_OUT and not str(key).endswith(COVARIANCE):
                 yield from _numbers(one, f"{place}.{key}" if place else str(key))
     elif isinstance(value, list | tuple | np.ndarray) and len(value) <= ELEMENTS_MAX:
         for number, one in enumerate(value):
@@ -87,16 +104,17 @@ def _seconds(stamp: Any) -> float | None:
     return float(stamp) if isinstance(stamp, int | float) and not isinstance(stamp, bool) else None
 
 
-def _stamped(message: dict[str, Any], logged: float) -> tuple[float, dict[str, Any]]:
-    """A message's time, s, and what of it is no time."""
+def _stamped(message: dict[str, Any]) -> tuple[float | None, dict[str, Any]]:
+    """A message's own time, s, and what of it is no time. None: it has none."""
     header = message.get("header")
-    if isinstance(header, dict) and _seconds(header.get("stamp")):
-        return _seconds(header["stamp"]) or logged, message
+    stamp = _seconds(header.get("stamp")) if isinstance(header, dict) else None
+    if stamp is not None:
+        return stamp, message
     for name in STAMPS:
         seconds = _seconds(message.get(name))
-        if seconds:
+        if seconds is not None:
             return 1e-9 * seconds if name == "t_ns" else seconds, {k: v for k, v in message.items() if k != name}
-    return logged, {k: v for k, v in message.items() if k not in STAMPS}
+    return None, {k: v for k, v in message.items() if k not in STAMPS}
 
 
 # ---- MCAP ------------------------------------------------------------------------------------------------------------
@@ -141,8 +159,7 @@ def read_mcap(path: Path) -> list[Channel]:
             others.add(channel.message_encoding)
             continue
         if isinstance(content, dict):
-            t, content = _stamped(content, 1e-9 * message.log_time)
-            collected.add(channel.topic, t, _numbers(content))
+            collected.add(channel.topic, 1e-9 * message.log_time, content)
     if not collected.samples and others:
         hint = "; of a ROS 2 bag pass its folder" if "cdr" in others else ""
         raise InputError(f"{path}: messages in {', '.join(sorted(others))}: allowed: json, protobuf{hint}")
@@ -187,8 +204,7 @@ def read_bag(path: Path) -> list[Channel]:
                     unknown.add(connection.msgtype)
                     continue
                 content = _of_ros(reader.deserialize(raw, connection.msgtype))
-                t, content = _stamped(content, 1e-9 * logged)
-                collected.add(connection.topic, t, _numbers(content))
+                collected.add(connection.topic, 1e-9 * logged, content)
     except InputError:
         raise
     except Exception as error:  # its readers, SQLite and zstd raise many unrelated types on damaged bags
@@ -218,10 +234,22 @@ def _raw(data: NDArray[np.uint8], signal: Any) -> Array:
     return (bits.view(np.int64) if signal.is_signed else bits).astype(np.float64)
 
 
+def _can_id(message: Any) -> int:
+    """In SocketCAN's layout."""
+    return int(message.frame_id) | (dbc.EXTENDED_ID if message.is_extended_frame else 0)
+
+
 def _of_message(log: CanLog, message: Any, path: Path) -> Iterator[Channel]:
-    """Channels of one message's signals."""
-    can_id = message.frame_id | (dbc.EXTENDED_ID if message.is_extended_frame else 0)
-    part = log[(log.can_id == np.uint32(can_id)) & (log.length >= message.length)]
+    """Channels of one message's signals, for each interface on which it came."""
+    part = log[(log.can_id == np.uint32(_can_id(message))) & (log.length >= message.length)]
+    interfaces = np.unique(part.bus)
+    for bus in interfaces:
+        place = f"{log.names[bus]}:{message.name}" if len(interfaces) > 1 else message.name
+        yield from _of_frames(part[part.bus == bus], message, place, path)
+
+
+def _of_frames(part: CanLog, message: Any, place: str, path: Path) -> Iterator[Channel]:
+    """Channels of the signals of one message's frames; place names the message."""
     t = (1e-9 * part.t_ns).astype(np.float64)
     for signal in message.signals:
         if signal.is_float and signal.length not in (32, 64):
@@ -234,7 +262,7 @@ def _of_message(log: CanLog, message: Any, path: Path) -> Iterator[Channel]:
         once = np.diff(t[there], prepend=-np.inf) > 0.0  # a log in us may stamp two frames alike
         found = in_order(
             path,
-            f"{message.name}.{signal.name}",
+            f"{place}.{signal.name}",
             signal.unit or "",
             t[there][once],
             value[once],
@@ -243,9 +271,27 @@ def _of_message(log: CanLog, message: Any, path: Path) -> Iterator[Channel]:
             yield found
 
 
+def _check_once(known: dbc.BusDatabase) -> None:
+    """InputError: two DBC files describe a message of the same name or identifier."""
+    seen: dict[str, str] = {}
+    for message, file in known.messages:
+        can_id = _can_id(message)
+        for what in (f"message {message.name}", f"identifier {can_id & 0x1FFFFFFF:X}{'x' * (can_id >> 31)}"):
+            other = seen.setdefault(what, file)
+            if other != file:
+                raise InputError(
+                    f"--dbc: {other} and {file} both describe {what}: allowed: each once; "
+                    "import the log of each bus by itself, with its own DBC"
+                )
+
+
 def read_can(path: Path, dbcs: list[Path]) -> list[Channel]:
-    """Signals of a CAN log by DBC files. InputError: damaged, or no frame of the log is in them."""
+    """Signals of a CAN log by DBC files.
+
+    InputError: damaged, no frame of the log is in them, or two of them describe the same message.
+    """
     log, known = canlog.read(path), dbc.load(dbcs)
+    _check_once(known)
     found = [channel for message, _ in known.messages for channel in _of_message(log, message, path)]
     if not found:
         there = ", ".join(f"{can_id & 0x1FFFFFFF:X}" for can_id in np.unique(log.can_id)[:8])

@@ -141,9 +141,9 @@ def search_all(problem: Problem, n_starts: int, seed: int, progress: Progress) -
 def _all_of(
     pool: Pool, problem: Problem, n_starts: int, seed: int, reports: Any, progress: Progress
 ) -> list[tuple[float, Array]]:
-    pending = [pool.apply_async(_search, (problem, seed, index)) for index in range(n_starts)]
     """The results of all searches. InputError: a searching process was killed; the pool puts another in its place, but
     the search that it had is lost."""
+    pending = [pool.apply_async(_search, (problem, seed, index)) for index in range(n_starts)]
     n_begun, shares, best = 0, np.zeros(n_starts), None
     progress("plan: start the search")
     while not all(one.ready() for one in pending):

@@ -428,6 +428,6 @@ def find(robot: Robot, recordings: list[Recording]) -> list[Finding]:
     doubt = f"; or {rival.mistake.says(rival.numbers)}" if rival.cost - best.cost < RIVAL else ""
     evidence = {"cost_fall": now.cost - best.cost, "rival": rival.mistake.kind, "rival_cost": rival.cost - best.cost}
     evidence |= {"residual_N": float(now.rms), "residual_without_N": float(best.rms), "numbers": numbers.tolist()}
-    is_mild = "care" in (best.mistake.severity, rival.mistake.severity if doubt else "")
+    is_mild = best.mistake.severity == "care"
     says = best.mistake.says(numbers) + falls + doubt
     return [Finding(best.mistake.kind, "care" if is_mild else "stop", says, MILD if is_mild else CORRECT, evidence)]

@@ -9,6 +9,7 @@ from typing import Final
 
 from inertiad.base.error import InputError
 from inertiad.live import incoming, lcm_network
+from inertiad.model import expectation
 from inertiad_lcm import command_t, event_t
 
 KINDS = {
@@ -18,6 +19,7 @@ KINDS = {
     "tare": command_t.TARE,
     "configure": command_t.CONFIGURE,
     "mark": command_t.MARK,
+    "expect": command_t.EXPECT,
 }
 ANSWER_MAX: Final = 1000
 """characters of an answer; the daemon's have at most 512"""
@@ -31,11 +33,14 @@ class Answer:
     text: str
 
 
-def make(name: str, argument: str | None) -> command_t:
-    """The message of a command. InputError: no such command, or its argument is missing, too long or not wanted."""
+def make(name: str, argument: str | None, std: str | None = None) -> command_t:
+    """The message of a command; std: KG,M,KGM2 of an expected payload.
+
+    InputError: no such command, or its argument is missing, too long or not wanted.
+    """
     if name not in KINDS:
         raise InputError(f'command "{name}": allowed: {", ".join(KINDS)}')
-    wanted = {"configure": "FILE", "mark": "TEXT"}.get(name)
+    wanted = {"configure": "FILE", "mark": "TEXT", "expect": "PAYLOAD"}.get(name)
     if wanted is not None and not argument:
         raise InputError(f"command {name}: {wanted} is missing")
     if wanted is None and argument is not None:
@@ -47,6 +52,11 @@ def make(name: str, argument: str | None) -> command_t:
         message.text = argument
         if len(argument.encode()) > command_t.TEXT_MAX or not argument.isprintable():
             raise InputError(f"command mark: allowed: one line of at most {command_t.TEXT_MAX} bytes")
+    if std is not None and name != "expect":
+        raise InputError(f"command {name}: --std is not wanted")
+    if name == "expect" and argument is not None:
+        message.config = expectation.parse(argument, time.time_ns(), std).encode()
+        message.n_config = len(message.config)
     if name == "configure" and argument is not None:
         message.config = Path(argument).read_bytes()
         if len(message.config) > command_t.CONFIG_MAX:

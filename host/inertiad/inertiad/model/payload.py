@@ -39,13 +39,13 @@ class Payload:
         return np.clip((t - self.time) / self.ramp, 0.0, 1.0)
 
 
-def _seconds(text: str, item: str) -> float:
+def _seconds(text: str, item: str, option: str) -> float:
     try:
         seconds = float(text)
     except ValueError:
         seconds = -1.0
     if not 0.0 <= seconds < np.inf:
-        raise InputError(f'--payload "{item}": time = {text}: allowed: 0 and more, s')
+        raise InputError(f'{option} "{item}": time = {text}: allowed: 0 and more, s')
     return seconds
 
 
@@ -56,31 +56,31 @@ def _point(mass: float, place: Sequence[float]) -> Array:
     return mass * np.array([1.0, *x, J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]])
 
 
-def parse(item: str, body: Nominal) -> Payload:
+def parse(item: str, body: Nominal, option: str = "--payload") -> Payload:
     """ "20.0@4.0": 20 kg taken up at 4 s, a point at the body's CoG; "20@4@x,y,z": there in P; "box.toml@4": a body.
 
     InputError: not of this form.
     """
     what, *rest = item.split("@")
     if not 1 <= len(rest) <= 2:
-        raise InputError(f'--payload "{item}": allowed: KG@S, KG@S@x,y,z or FILE@S')
-    time = _seconds(rest[0], item)
+        raise InputError(f'{option} "{item}": allowed: KG@S, KG@S@x,y,z or FILE@S')
+    time = _seconds(rest[0], item, option)
     try:
         mass = float(what)
     except ValueError:
         path = Path(what)
         if path.suffix not in (".toml", ".json"):
-            raise InputError(f'--payload "{item}": allowed: a mass in kg, or a .toml or .json file') from None
+            raise InputError(f'{option} "{item}": allowed: a mass in kg, or a .toml or .json file') from None
         data = read_json(path) if path.suffix == ".json" else read_toml(path)
         return Payload(time, configuration.theta_of(validate(Nominal, data, what)))
     if not np.isfinite(mass) or mass == 0.0:
-        raise InputError(f'--payload "{item}": mass = {what}: allowed: above 0 to take up, below 0 to set down, kg')
+        raise InputError(f'{option} "{item}": mass = {what}: allowed: above 0 to take up, below 0 to set down, kg')
     try:
         place = body.cog if len(rest) == 1 else [float(cell) for cell in rest[1].split(",")]
     except ValueError:
         place = []
     if len(place) != 3 or not np.isfinite(place).all():
-        raise InputError(f'--payload "{item}": place = {rest[-1]}: allowed: x,y,z in P, m')
+        raise InputError(f'{option} "{item}": place = {rest[-1]}: allowed: x,y,z in P, m')
     return Payload(time, _point(mass, place))
 
 

@@ -213,8 +213,11 @@ def write_parts(path: Path, parts: list[tuple[Array, list[Frames]]], stamp: Stam
     return len(lines)
 
 
-def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Path | None, folder: Path) -> int:
-    """CSV files -> run folder. Every frame is stamped with its sample's time. Returns the number of frames."""
+def encode(
+    robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Path | None, folder: Path
+) -> tuple[int, tuple[str, ...]]:
+    """CSV files -> run folder. Every frame is stamped with its sample's time. The number of frames, and notes."""
+    notes: tuple[str, ...] = ()
     bindings = dbc.bind(robot, str(robot_file))
     signals = signals_csv.read(signals_file, robot)
     tracker = tracker_csv.read(tracker_file) if tracker_file else None
@@ -225,10 +228,11 @@ def encode(robot_file: Path, robot: Robot, signals_file: Path, tracker_file: Pat
                 f'{robot_file}: position.source = "tracker"; pass --tracker FILE, give columns '
                 f'length_1 .. length_{robot.n_cables}, or set source to "fixed" or "can"'
             )
-        tracker = cable_lengths.positions(robot, str(robot_file), signals, lengths).positions
+        found = cable_lengths.positions(robot, str(robot_file), signals, lengths)
+        tracker, notes = found.positions, (found.note,)
     frames = pack(bindings, signals, signals.t)
     open_run(folder)
     write_robot(folder, robot, read_data(robot_file), bitrate=0.0)
     if tracker is not None:
         tracker_csv.write(folder / "tracker.csv", tracker)
-    return write_can_log(folder / "can.log", signals.t, frames)
+    return write_can_log(folder / "can.log", signals.t, frames), notes

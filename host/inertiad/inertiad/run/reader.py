@@ -165,8 +165,7 @@ def _positions(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[s
             f"{file}: line 1: no column pos_x, no tracker.csv beside it, and no length_1 .. length_{robot.n_cables}"
         )
     found = cable_lengths.positions(robot, str(file), signals, lengths)
-    rest = f", which agree to {1e3 * found.residual:.2g} mm rms" if robot.n_cables > 3 else ""
-    return found.positions, (f"positions from attitude and cable lengths{rest}",)
+    return found.positions, (found.note,)
 
 
 def _with_trackers_attitude(signals: Table, file: Path, robot: Robot) -> tuple[Table, tuple[str, ...]]:

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "announcement.h"
+
+#include "body.h"
+#include "cable_inertia.h"
+#include "consistency.h"
+#include "smallmat.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define WINDOW 0.04              // s: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
+#define EARLY_NS 1000000000      // before the announced time: chosen over the error of a person's or a gripper's clock
+#define PATIENCE_NS 30000000000  // after it: chosen longer than a crane driver hesitates
+#define CONTACT_MAX 3.0          // s: chosen over six times the contact of a load that is lowered at 0.1 m/s
+#define EVIDENT_WINDOWS 2        // as of a sudden change, change_detector.c
+#define FAILED_WINDOWS 5         // 50 ms: chosen over a knock
+#define SLOPE_WINDOWS 8          // 80 ms that the share is extrapolated by
+#define SHARE_STD 0.02           // at least, of a share: chosen over the error of forces and motion in time, 1 ms
+#define SLOPE_ERROR 0.25         // of an extrapolated step: chosen as what a load in an elastic sling varies it by
+#define LEAD_MAX 0.05            // s beyond the newest row: chosen short against a contact of 0.5 s
+#define RESTING 0.02             // of the share, between two halves of 0.2 s: chosen as SHARE_STD
+#define AGREES 3.0               // sigmas of a share from 1
+#define RELATIVE_STD_MAX 0.5     // of the mass: what is less certain is no announcement
+
+#define ROUNDING 1e-6            // of a sum of moments that was computed elsewhere
+
+enum { MASS = 0, MASS_STD = 1, COG = 2, COG_STD = 5, INERTIA = 8, INERTIA_STD = 14 };
+
+/// theta [10] about the IMU of a body's mass, CoG and inertia.
+static void theta_at_imu(const ipe_config_t* config, double mass, const double cog[3], const double inertia[6],
+                         double theta[IPE_NP])
+{
+    const double* imu = config->imu_position;
+    const double d[3] = {cog[0] - imu[0], cog[1] - imu[1], cog[2] - imu[2]};
+    memset(theta, 0, IPE_NP * sizeof theta[0]);
+    theta[0] = mass;
+    memcpy(theta + 4, inertia, 6 * sizeof inertia[0]);
+    ipe_body_shift(d, theta, NULL);
+}
+
+static const char* find_mistake(const double body[IPE_ANNOUNCEMENT_NUMBERS])
+{
+    const double mass = fabs(body[MASS]), *J = body + INERTIA;
+    bool is_negative = body[MASS_STD] < 0.0;
+    for (int i = 0; i < 3; ++i) { is_negative |= body[COG_STD + i] < 0.0; }
+    for (int i = 0; i < 6; ++i) { is_negative |= body[INERTIA_STD + i] < 0.0; }
+    if (!all_finite(body, IPE_ANNOUNCEMENT_NUMBERS)) { return "a number is not finite"; }
+    if (mass == 0.0) { return "mass: must not be 0"; }
+    if (is_negative) { return "a standard deviation is negative"; }
+    if (body[MASS_STD] > RELATIVE_STD_MAX * mass) { return "mass_std: must be at most half of the mass"; }
+    for (int i = 0; i < 3; ++i) {
+        const double a = J[i], b = J[(i + 1) % 3], c = J[(i + 2) % 3];
+        if (a < 0.0 || a > (1.0 + ROUNDING) * (b + c)) { return "inertia_cog: no body has these moments"; }
+    }
+    return NULL;
+}
+
+ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* config,
+                                   const double body[IPE_ANNOUNCEMENT_NUMBERS], int64_t from_ns, double period,
+                                   char* message, size_t size)
+{
+    const char* mistake = find_mistake(body);
+    if (mistake != NULL) {
+        (void)snprintf(message, size, "%s", mistake);
+        return IPE_ERR_RANGE;
+    }
+    const double sign = body[MASS] < 0.0 ? -1.0 : 1.0, mass = fabs(body[MASS]);
+    double changed[IPE_NP];
+    memset(a, 0, sizeof *a);
+    theta_at_imu(config, mass, body + COG, body + INERTIA, a->step);
+    for (int k = 0; k < 9; ++k) {  // one sigma of each number of the CoG and the inertia, one at a time
+        double cog[3], inertia[6];
+        memcpy(cog, body + COG, sizeof cog);
+        memcpy(inertia, body + INERTIA, sizeof inertia);
+        *(k < 3 ? &cog[k] : &inertia[k - 3]) += k < 3 ? body[COG_STD + k] : body[INERTIA_STD + k - 3];
+        theta_at_imu(config, mass, cog, inertia, changed);
+        for (int i = 0; i < IPE_NP; ++i) { a->std[i] = hypot(a->std[i], changed[i] - a->step[i]); }
+    }
+    for (int i = 0; i < IPE_NP; ++i) { a->step[i] *= sign; }
+    a->relative_std = body[MASS_STD] / mass;
+    a->from_ns = from_ns;
+    a->state = IPE_ANNOUNCEMENT_WAITS;
+    ipe_window_init_length(&a->window, config, WINDOW, period);
+    return IPE_OK;
+}
+
+/// Does this window alone show a share of the payload?
+static bool find_share(const ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config,
+                       const ipe_average_t* average, double* share, double* share_std)
+{
+    ipe_body_step_t sums;
+    ipe_body_step_fit_t fit;
+    if (ipe_estimator_contrast(e, config, average, &sums) != IPE_OK) { return false; }
+    const ipe_change_detector_t* d = &e->change_detector;
+    ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d), &fit, share, share_std);
+    return *share > 0.0 && ipe_change_detector_is_evident(d, &sums, &fit);
+}
+
+static void keep_share(ipe_announcement_t* a, double t, double share)
+{
+    const int at = a->n_shares++ % IPE_ANNOUNCEMENT_SHARES;
+    a->share[at] = share;
+    a->t[at] = t;
+}
+
+/// Mean of the shares from the newest but `from` to the newest but `to`, and the mean of their times.
+static double mean_share(const ipe_announcement_t* a, int from, int to, double* t)
+{
+    double share = 0.0;
+    *t = 0.0;
+    for (int k = to; k < from; ++k) {
+        const int at = (a->n_shares - 1 - k) % IPE_ANNOUNCEMENT_SHARES;
+        share += a->share[at] / (from - to);
+        *t += a->t[at] / (from - to);
+    }
+    return share;
+}
+
+/// The share at time t, s since the contact, by the line through the newest ones: never over the whole, unless it is over it already.
+static void extrapolate(ipe_announcement_t* a, double t, double share, double share_std)
+{
+    double t_mean, slope = 0.0, square = 0.0;
+    const int n = a->n_shares < SLOPE_WINDOWS ? a->n_shares : SLOPE_WINDOWS;
+    const double mean = mean_share(a, n, 0, &t_mean);
+    for (int k = 0; k < n; ++k) {
+        const int at = (a->n_shares - 1 - k) % IPE_ANNOUNCEMENT_SHARES;
+        slope += (a->t[at] - t_mean) * (a->share[at] - mean);
+        square += (a->t[at] - t_mean) * (a->t[at] - t_mean);
+    }
+    slope = square > 0.0 ? slope / square : 0.0;
+    const double newest = a->t[(a->n_shares - 1) % IPE_ANNOUNCEMENT_SHARES];
+    const double line = mean + slope * (t - t_mean);
+    a->now = fmax(0.0, fmin(line, fmax(1.0, share)));
+    a->now_std = fmax(fmax(share_std, SHARE_STD), SLOPE_ERROR * fabs(slope) * (t - newest));
+}
+
+/// Has the share been at rest for all that is kept?
+static bool is_resting(const ipe_announcement_t* a, double share_std, double* share)
+{
+    enum { HALF = IPE_ANNOUNCEMENT_SHARES / 2 };
+    double t;
+    if (a->n_shares < IPE_ANNOUNCEMENT_SHARES) { return false; }
+    const double before = mean_share(a, IPE_ANNOUNCEMENT_SHARES, HALF, &t), after = mean_share(a, HALF, 0, &t);
+    *share = 0.5 * (before + after);
+    return fabs(after - before) < fmax(RESTING, share_std);
+}
+
+/// Sigma [10] of share times the payload's parameters.
+static void std_of(const ipe_announcement_t* a, double share, double share_std, double std[IPE_NP])
+{
+    for (int i = 0; i < IPE_NP; ++i) { std[i] = hypot(share * a->std[i], share_std * a->step[i]); }
+}
+
+static void step_of(const ipe_announcement_t* a, double share, double step[IPE_NP])
+{
+    for (int i = 0; i < IPE_NP; ++i) { step[i] = share * a->step[i]; }
+}
+
+/// The contact is over: theta moves.
+static void take(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, double share, double share_std)
+{
+    double step[IPE_NP], std[IPE_NP];
+    const double error = fmax(share_std, SHARE_STD);
+    const bool is_announced = fabs(share - 1.0) <= AGREES * hypot(a->relative_std, error);
+    step_of(a, share, step);
+    std_of(a, share, error, std);
+    ipe_estimator_move(e, config, step, is_announced ? std : NULL);
+    a->state = is_announced ? IPE_ANNOUNCEMENT_TAKEN : IPE_ANNOUNCEMENT_OTHER;
+}
+
+static void begin_contact(ipe_announcement_t* a, ipe_estimator_t* e, int64_t t_ns)
+{
+    a->state = IPE_ANNOUNCEMENT_CONTACT;
+    a->contact_ns = t_ns;
+    a->n_shares = 0, a->n_failed = 0;
+    ++e->change_detector.n_changes;
+    ipe_change_detector_restart_after_change(&e->change_detector);
+}
+
+/// One more window of the contact, at row time t_ns.
+static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                   int64_t t_ns, double share, double share_std)
+{
+    const double now = 1e-9 * (double)(t_ns - a->contact_ns), next = now + fmin(1.0 / config->estimate_rate, LEAD_MAX);
+    double resting;
+    keep_share(a, 1e-9 * (double)(average->t_ns - a->contact_ns), share);
+    extrapolate(a, next, share, share_std);  // to when the next estimate replaces this one
+    if (is_resting(a, share_std, &resting)) {
+        take(a, e, config, resting, share_std);
+    } else if (now > CONTACT_MAX) {
+        a->state = IPE_ANNOUNCEMENT_FAILED;
+    }
+}
+
+/// By what the contact has done to the body, where one is under way; else the filter's own.
+static ipe_status_t publish(const ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+{
+    double step[IPE_NP], std[IPE_NP];
+    if (a->state != IPE_ANNOUNCEMENT_CONTACT) { return ipe_estimator_publish(e, config, t_ns); }
+    step_of(a, a->now, step);
+    std_of(a, a->now, a->now_std, std);
+    return ipe_estimator_publish_moved(e, config, t_ns, step, std);
+}
+
+ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                                   const ipe_motion_t* motion, const ipe_wrench_t* wrench)
+{
+    ipe_average_t average;
+    double share = 0.0, share_std = 1.0;
+    if (a->state != IPE_ANNOUNCEMENT_WAITS && a->state != IPE_ANNOUNCEMENT_CONTACT) { return IPE_NOT_READY; }
+    if (a->state == IPE_ANNOUNCEMENT_WAITS && t_ns > a->from_ns + PATIENCE_NS) { a->state = IPE_ANNOUNCEMENT_MISSED; }
+    if (t_ns < a->from_ns - EARLY_NS || a->state == IPE_ANNOUNCEMENT_MISSED) { return IPE_NOT_READY; }
+    if (ipe_window_push(&a->window, t_ns, motion, wrench, &average) != IPE_OK) { return IPE_NOT_READY; }
+    if (ipe_cable_inertia_add(config, &average) != IPE_OK) { return IPE_NOT_READY; }
+    const bool is_evident = find_share(a, e, config, &average, &share, &share_std);
+    a->n_evident = is_evident ? a->n_evident + 1 : 0;
+    a->n_failed = is_evident ? 0 : a->n_failed + 1;
+    if (a->state == IPE_ANNOUNCEMENT_WAITS && a->n_evident < EVIDENT_WINDOWS) { return IPE_NOT_READY; }
+    if (a->state == IPE_ANNOUNCEMENT_WAITS) { begin_contact(a, e, average.t_ns); }
+    if (is_evident) {
+        follow(a, e, config, &average, t_ns, share, share_std);
+    } else if (a->n_failed >= FAILED_WINDOWS) {
+        a->state = IPE_ANNOUNCEMENT_FAILED;
+    }
+    return publish(a, e, config, average.t_ns);
+}

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+/// An announced payload: while it comes into contact, its share that the platform already carries.
+///
+///   e_k = x_k Y_k d + noise       d: ten parameters of the announced payload, x_k: share of it in window k
+/// e_k is the innovation of a window of 40 ms under the body before, so the contact is seen long before the estimator's own
+/// windows, which are ten times longer and average over it. The demands on that step are those of change_detector.h on a
+/// sudden change; only its direction is known beforehand.
+///
+///   waits    from 1 s before the announced time; two windows in a row, each alone, show a share above 0
+///   contact  the estimate is the body before plus x d, extrapolated to the present; the filter's windows are not used
+///   taken    the share rests for 0.2 s, at 1 within 3 sigma: theta moves by x d, uncertain as the announcement says
+///   other    it rests elsewhere: theta moves by x d, and is loosened as by any change of payload
+///   failed   five windows in a row show no share of d, or it does not rest for 3 s: the body before goes on as if nothing
+///            had been announced
+///   missed   30 s after the announced time nothing has come
+/// Wherever the payload is not the announced one, the rule of change_detector.h decides, as it does without announcement.
+/// Source: firmware/DESIGN.md, "Change". 8 KB of state, caller-allocated, no heap, one thread.
+#ifndef IPE_ANNOUNCEMENT_H
+#define IPE_ANNOUNCEMENT_H
+
+#include "config.h"
+#include "estimator.h"
+#include "types.h"
+#include "window.h"
+
+enum {
+    IPE_ANNOUNCEMENT_SHARES = 20,  ///< windows that must agree: 0.2 s
+    IPE_ANNOUNCEMENT_NUMBERS = 20  ///< mass, its sigma, CoG 3, sigmas 3, inertia about it 6, sigmas 6
+};
+
+typedef enum {
+    IPE_ANNOUNCEMENT_NONE = 0,  ///< nothing is announced, or no longer
+    IPE_ANNOUNCEMENT_WAITS,
+    IPE_ANNOUNCEMENT_CONTACT,
+    IPE_ANNOUNCEMENT_TAKEN,
+    IPE_ANNOUNCEMENT_OTHER,
+    IPE_ANNOUNCEMENT_FAILED,
+    IPE_ANNOUNCEMENT_MISSED,
+} ipe_announcement_state_t;
+
+typedef struct {
+    ipe_announcement_state_t state;
+    int64_t from_ns;                        ///< announced time of the contact
+    double step[IPE_NP];                    ///< what it adds to theta about the IMU
+    double std[IPE_NP];                     ///< of that where its mass is known
+    double relative_std;                    ///< of its mass
+    ipe_window_t window;
+    int n_evident;                          ///< windows in a row, up to now, that show a share
+    int n_failed;                           ///< in a contact: windows in a row that do not
+    int64_t contact_ns;                     ///< first window of the contact
+    int n_shares;
+    double share[IPE_ANNOUNCEMENT_SHARES];  ///< of the newest windows, window k at k % IPE_ANNOUNCEMENT_SHARES,
+    double t[IPE_ANNOUNCEMENT_SHARES];      ///< s since contact_ns, their middles
+    double now, now_std;                    ///< share at present
+} ipe_announcement_t;
+
+/// Begin to wait.
+///
+///   body     numbers in the order of IPE_ANNOUNCEMENT_NUMBERS, about P, P axes: kg, m, kg m2; a negative mass is set down, with
+///            the CoG and the inertia of what is set down
+///   from_ns  host time of the contact
+///   period   s between rows, 0: not known
+///
+/// IPE_OK; IPE_ERR_RANGE: a number is not finite, mass 0, a sigma negative, that of the mass over half of it, or no such body
+/// can exist: the reason is in message[size], a not changed.
+ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* config,
+                                   const double body[IPE_ANNOUNCEMENT_NUMBERS], int64_t from_ns, double period,
+                                   char* message, size_t size);
+
+/// A row's motion and wrench. IPE_OK: the estimate of e is new, by a's state; the caller starts its windows anew where that is
+/// TAKEN or OTHER. IPE_NOT_READY: nothing new.
+ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                                   const ipe_motion_t* motion, const ipe_wrench_t* wrench);
+
+#endif
