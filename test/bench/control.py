@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control: time of a motion in closed loop, with and without the daemon, and of one reading of the gate from Python; from
-the publication of an ESTIMATE to a control thread that has its parameters.
+"""Control: time of a motion in closed loop, with and without the daemon, and of a reading of the gate from Python; from
+publishing an ESTIMATE to a control thread that has its parameters.
 """
 
 import subprocess
@@ -39,9 +39,7 @@ def main() -> None:
     command = ["build/test/bench/hand_over", URL, str(SECONDS)]
     n, *us = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     p50, p99, p999, longest = us
-    print(
-        f"hand-over: {n} estimates, p50 {p50}, p99 {p99}, p99.9 {p999}, longest {longest} us from publishing to the gate"
-    )
+    print(f"hand-over: {n} estimates, p50 {p50}, p99 {p99}, p99.9 {p999}, longest {longest} us until usable")
 
 
 if __name__ == "__main__":
