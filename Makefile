@@ -130,7 +130,7 @@ include tools/fmu.mk
 
 # ---- tests: tools/test runs the tiers, counts, and fails when one fails, crashes or is empty --------------------------
 
-TESTED := build unit-programs accept-programs
+TESTED := build unit-programs accept-programs fmu
 PARALLEL = $(if $(findstring jobserver,$(MAKEFLAGS)),,-j$(shell nproc))
 
 ## Run the tiers unit, laws, host, vcan and asan; ends with one line: N passed, N failed, N skipped

@@ -6,6 +6,7 @@ FMI_H = $(SITE)/fmpy/c-code
 FMU_GEN := build/fmu/gen/stamp
 FMU_TOKEN := inertiad-feed-forward-1# raised with every change of the model's variables
 
+.PHONY: fmu
 ## Build the model that `inertiactl export --to fmu` packs: build/lib/inertiad_feed_forward.so
 fmu: build/lib/inertiad_feed_forward.so
 

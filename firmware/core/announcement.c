@@ -86,16 +86,29 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
     return IPE_OK;
 }
 
-/// Does this window alone show a share of the payload?
-static bool find_share(const ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config,
-                       const ipe_average_t* average, double* share, double* share_std)
+/// What a window shows.
+typedef struct {
+    int64_t t_ns;             ///< its middle
+    double share, share_std;  ///< of the payload
+    bool is_evident;          ///< it alone shows a share above 0
+} shown_t;
+
+/// False: no window ended. Not inlined, so that publishing, which goes deeper, does not stand on these locals.
+static __attribute__((noinline)) bool look(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config,
+                                           int64_t t_ns, const ipe_motion_t* motion, const ipe_wrench_t* wrench,
+                                           shown_t* shown)
 {
+    ipe_average_t average;
     ipe_body_step_t sums;
     ipe_body_step_fit_t fit;
-    if (ipe_estimator_contrast(e, config, average, &sums) != IPE_OK) { return false; }
     const ipe_change_detector_t* d = &e->change_detector;
-    ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d), &fit, share, share_std);
-    return *share > 0.0 && ipe_change_detector_is_evident(d, &sums, &fit);
+    if (ipe_window_push(&a->window, t_ns, motion, wrench, &average) != IPE_OK) { return false; }
+    if (ipe_cable_inertia_add(config, &average) != IPE_OK) { return false; }
+    *shown = (shown_t){.t_ns = average.t_ns, .share_std = 1.0};
+    if (ipe_estimator_contrast(e, config, &average, &sums) != IPE_OK) { return true; }
+    ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d), &fit, &shown->share, &shown->share_std);
+    shown->is_evident = shown->share > 0.0 && ipe_change_detector_is_evident(d, &sums, &fit);
+    return true;
 }
 
 static void keep_share(ipe_announcement_t* a, double t, double share)
@@ -180,15 +193,15 @@ static void begin_contact(ipe_announcement_t* a, ipe_estimator_t* e, int64_t t_n
 }
 
 /// One more window of the contact, at row time t_ns.
-static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
-                   int64_t t_ns, double share, double share_std)
+static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                   const shown_t* shown)
 {
     const double now = 1e-9 * (double)(t_ns - a->contact_ns), next = now + fmin(1.0 / config->estimate_rate, LEAD_MAX);
     double resting;
-    keep_share(a, 1e-9 * (double)(average->t_ns - a->contact_ns), share);
-    extrapolate(a, next, share, share_std);  // to when the next estimate replaces this one
-    if (is_resting(a, share_std, &resting)) {
-        take(a, e, config, resting, share_std);
+    keep_share(a, 1e-9 * (double)(shown->t_ns - a->contact_ns), shown->share);
+    extrapolate(a, next, shown->share, shown->share_std);  // to when the next estimate replaces this one
+    if (is_resting(a, shown->share_std, &resting)) {
+        take(a, e, config, resting, shown->share_std);
     } else if (now > CONTACT_MAX) {
         a->state = IPE_ANNOUNCEMENT_FAILED;
     }
@@ -207,22 +220,19 @@ static ipe_status_t publish(const ipe_announcement_t* a, ipe_estimator_t* e, con
 ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                    const ipe_motion_t* motion, const ipe_wrench_t* wrench)
 {
-    ipe_average_t average;
-    double share = 0.0, share_std = 1.0;
+    shown_t shown;
     if (a->state != IPE_ANNOUNCEMENT_WAITS && a->state != IPE_ANNOUNCEMENT_CONTACT) { return IPE_NOT_READY; }
     if (a->state == IPE_ANNOUNCEMENT_WAITS && t_ns > a->from_ns + PATIENCE_NS) { a->state = IPE_ANNOUNCEMENT_MISSED; }
     if (t_ns < a->from_ns - EARLY_NS || a->state == IPE_ANNOUNCEMENT_MISSED) { return IPE_NOT_READY; }
-    if (ipe_window_push(&a->window, t_ns, motion, wrench, &average) != IPE_OK) { return IPE_NOT_READY; }
-    if (ipe_cable_inertia_add(config, &average) != IPE_OK) { return IPE_NOT_READY; }
-    const bool is_evident = find_share(a, e, config, &average, &share, &share_std);
-    a->n_evident = is_evident ? a->n_evident + 1 : 0;
-    a->n_failed = is_evident ? 0 : a->n_failed + 1;
+    if (!look(a, e, config, t_ns, motion, wrench, &shown)) { return IPE_NOT_READY; }
+    a->n_evident = shown.is_evident ? a->n_evident + 1 : 0;
+    a->n_failed = shown.is_evident ? 0 : a->n_failed + 1;
     if (a->state == IPE_ANNOUNCEMENT_WAITS && a->n_evident < EVIDENT_WINDOWS) { return IPE_NOT_READY; }
-    if (a->state == IPE_ANNOUNCEMENT_WAITS) { begin_contact(a, e, average.t_ns); }
-    if (is_evident) {
-        follow(a, e, config, &average, t_ns, share, share_std);
+    if (a->state == IPE_ANNOUNCEMENT_WAITS) { begin_contact(a, e, shown.t_ns); }
+    if (shown.is_evident) {
+        follow(a, e, config, t_ns, &shown);
     } else if (a->n_failed >= FAILED_WINDOWS) {
         a->state = IPE_ANNOUNCEMENT_FAILED;
     }
-    return publish(a, e, config, average.t_ns);
+    return publish(a, e, config, shown.t_ns);
 }

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control: time of a motion in closed loop, with and without the daemon, and of one reading of the gate from Python."""
+"""Control: time of a motion in closed loop, with and without the daemon, and of a reading of the gate from Python; from
+publishing an ESTIMATE to a control thread that has its parameters.
+"""
 
+import subprocess
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +15,7 @@ from inertiad_core import ParameterGate
 
 ROBOT = Path("firmware/robots/cogiro/robot.toml")
 READS = 100_000
+URL, SECONDS = "udpm://239.255.76.67:7667?ttl=0", 60
 
 
 def main() -> None:
@@ -32,6 +36,10 @@ def main() -> None:
     for k in range(READS):
         gate.read(k)
     print(f"gate: read from Python {1e6 * (time.perf_counter() - start) / READS:.2f} us")
+    command = ["build/test/bench/hand_over", URL, str(SECONDS)]
+    n, *us = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    p50, p99, p999, longest = us
+    print(f"hand-over: {n} estimates, p50 {p50}, p99 {p99}, p99.9 {p999}, longest {longest} us until usable")
 
 
 if __name__ == "__main__":

@@ -358,6 +358,14 @@ def test_jitter_of_a_node_reorders_nodes_and_never_its_own_frames(cogiro, tmp_pa
     assert np.all(np.diff([s for s, _ in read]) >= 0.0)
 
 
+def test_frames_that_a_stalled_host_reads_together_keep_the_order_of_the_bus(cogiro, tmp_path):
+    level = Faults(bus_timing=True, stamp_jitter=2e-3)
+    read = stamps(write(run_of(cogiro, level, rate=1000.0, duration=1.0), tmp_path)["can.log"])
+    ids = [i for _, i in read]
+    assert ids == ["010", "011", "012", "013", "020", "021"] * (len(ids) // 6)
+    assert np.all(np.diff([s for s, _ in read]) > 0.0)
+
+
 def test_lost_frames_are_the_others_of_a_whole_log(cogiro, tmp_path):
     whole = write(run_of(cogiro, Faults(), duration=20.0), tmp_path / "a")["can.log"].decode().splitlines()
     some = write(run_of(cogiro, Faults(frame_loss=0.1), duration=20.0), tmp_path / "b")["can.log"].decode().splitlines()

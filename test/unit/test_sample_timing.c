@@ -240,7 +240,7 @@ static fate_t loaded_bus(int k, double period)
 
 static void test_push_losses_on_a_loaded_bus_cost_few_samples_beside(void)
 {
-    feed(0.001, 60.0, 2.0, false, loaded_bus);  // given, when
+    feed(0.001, 60.0, 2.0, false, loaded_bus);    // given, when
     const uint64_t lost = 60000 - (uint64_t)result.n_sent;
     TEST_ASSERT_EQUAL_UINT64(lost, pace.n_lost);  // then: a second loss before the first is known locks nobody out
     TEST_ASSERT_EQUAL_UINT64(0, pace.n_restarts);

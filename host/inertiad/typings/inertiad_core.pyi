@@ -164,6 +164,11 @@ class Pipeline:
     def set_gyro_bias(self, bias: Annotated[NDArray[numpy.float64], dict(shape=(3), order='C')]) -> None:
         """Use this gyro bias [3], I axes, rad/s, from the next row on."""
 
+    def expect(self, t_ns: int, numbers: Annotated[NDArray[numpy.float64], dict(shape=(20), order='C')]) -> None:
+        """
+        Expect a payload at a host time; numbers [20] of expectation_t. ValueError: no such body. announcement.h
+        """
+
     @property
     def estimate(self) -> dict: ...
 
@@ -346,6 +351,12 @@ class GateLimits:
 
     @transition_time.setter
     def transition_time(self, arg: float, /) -> None: ...
+
+    @property
+    def change_time(self) -> float: ...
+
+    @change_time.setter
+    def change_time(self, arg: float, /) -> None: ...
 
     @property
     def step_sigmas(self) -> float: ...

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The feed-forward as an FMU (FMI 3.0, Model Exchange and Co-Simulation) with live parameters at its inputs.
 
-Inputs are the wanted pose, rate and accelerations and theta, all of which may change at any time; outputs are the wrench
-and the tensions of the cables. The model is host/fmi/feed_forward.cpp; the robot goes with it as resources/robot.cfg.
+Inputs are the wanted pose, rate and accelerations and theta; all may change at any time. Outputs are the wrench and the
+tensions of the cables. The model is host/fmi/feed_forward.cpp; the robot goes with it as resources/robot.cfg.
 """
 
 import platform

@@ -97,8 +97,9 @@ def traffic(robot: Robot, bindings: list[Binding], level: Faults, start: float, 
         in_order[order] = np.maximum.accumulate(seen.ravel()[order])
         in_order += level.stamp_step * (in_order >= start + level.fault_start)
         t_us = np.rint(1e6 * in_order).astype(np.int64)
-        ticks = np.arange(len(order))  # frames that a stalled host reads together keep their order: 1 us apart
-        t_us[order] = np.maximum.accumulate(t_us[order] - ticks) + ticks
+        if level.stamp_jitter > 0.0:  # frames that a stalled host reads together keep their order: 1 us apart
+            ticks = np.arange(len(order))
+            t_us[order] = np.maximum.accumulate(t_us[order] - ticks) + ticks
         t_us = t_us.reshape(seen.shape)
         loss = dice[f"frame_loss_{bus}"]
         for j, f in enumerate(frames):
