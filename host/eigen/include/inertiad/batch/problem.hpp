@@ -106,6 +106,12 @@ struct Problem {
         return sum;
     }
 
+    /// What a body [10] about the IMU leaves of a window's wrench.
+    static Column6 wrench_error(const ipe_average_t& a, const Theta& x)
+    {
+        return Eigen::Map<const Vector6>(a.y) - regressor(a) * x;
+    }
+
     /// Rows [A, b] of a run as measured, and what drift does to each window's.
     Equations equations(const RunWindows& run, const BatchRun& of, const Config& corrected) const
     {
@@ -135,7 +141,12 @@ struct Problem {
             const Regressor Y = regressor(smooth[k].average);
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
             const SmoothWindow at = reproducing(W, y - Y * x, with_forces);
-            const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
+            SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
+            const auto change_to = [&](const std::vector<ipe_average_t>& beside) {
+                return Column6(wrench_error(beside[k], x) - wrench_error(a, x));
+            };
+            if (!run.later.empty()) { X.col(IPE_XI_POSITION_DELAY) = change_to(run.later) / DELAY_STEP; }
+            if (!run.sharper.empty()) { X.col(IPE_XI_FORCE_LOWPASS) = change_to(run.sharper) / LOWPASS_STEP; }
             const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&a.R[0][0]);
             found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
                 -X.middleCols(IPE_XI_FORCE, config.n_cables());
@@ -403,7 +414,8 @@ struct Problem {
         Pass p;
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
-            p.run.push_back(windows_under(config, corrected, runs[r], xi));
+            const bool is_later = place(IPE_XI_POSITION_DELAY) >= 0, is_sharper = place(IPE_XI_FORCE_LOWPASS) >= 0;
+            p.run.push_back(windows_under(config, corrected, runs[r], xi, is_later, is_sharper));
             RunWindows& run = p.run.back();
             p.means.push_back(mean_rows(run.window, runs[r].derived));
             gate_rest(config, run);
