@@ -161,7 +161,7 @@ test-host: .venv/test.stamp .venv/docs.stamp build accept-programs
 test-vcan: .venv/test.stamp vcan-runs
 	@$(PY) tools/test vcan
 
-## Test the service under systemd in a guest: sandbox, commands and positions of this host, stop
+## Test the service under systemd in a guest: commands and positions of this host, watchdog, stop
 test-systemd: .venv/test.stamp vcan-runs
 	@$(PY) tools/test systemd
 
