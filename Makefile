@@ -159,9 +159,13 @@ test-laws: .venv/test.stamp build unit-programs
 test-host: .venv/test.stamp .venv/docs.stamp build accept-programs
 	@$(PY) tools/test host
 
-## Test the daemon on a real vcan, in a guest kernel where this one has no CAN
+## Test the daemon on vcan, on two emulated controllers and on a serial adapter, in a guest kernel
 test-vcan: .venv/test.stamp vcan-runs
 	@$(PY) tools/test vcan
+
+## Test the service under systemd in a guest: commands and positions of this host, watchdog, stop
+test-systemd: .venv/test.stamp vcan-runs
+	@$(PY) tools/test systemd
 
 ## Run unit tests, laws and the fuzzers' corpora under the address and undefined-behaviour sanitizers
 test-asan: asan-programs
@@ -312,5 +316,5 @@ clean:
 clean-all: clean
 	rm -rf .venv
 
-.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage fuzz fuzz-programs aarch64
+.PHONY: help setup build demo accept test test-unit test-laws test-host test-vcan test-asan unit-programs asan-programs accept-sync strangers accept-programs second-target vcan-runs bench $(addprefix bench-,$(BENCHES)) format format-check lint check size clean clean-all stubs test-quick micro docs coverage fuzz fuzz-programs aarch64 test-systemd
 -include $(shell find $(B)/obj -name '*.d' 2>/dev/null)

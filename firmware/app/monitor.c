@@ -34,6 +34,7 @@ void monitor_interface(daemon_t* d, unsigned i)
 {
     if (d->interface[i].is_up == d->interface_was_up[i]) { return; }
     d->interface_was_up[i] = d->interface[i].is_up;
+    if (d->interface[i].is_up) { ipe_bus_state_open(&d->bus_state[i]); }
     ipe_publish_event(&d->publisher, daemon_now(d), d->interface[i].interface,
                       d->interface[i].is_up ? "interface is up" : "interface is down");
 }

@@ -30,6 +30,11 @@ const char* ipe_bus_state_push(ipe_bus_state_t* s, const ipe_frame_t* frame)
     return is_restart ? "restarted" : NAME[condition];
 }
 
+void ipe_bus_state_open(ipe_bus_state_t* s)
+{
+    s->condition = IPE_BUS_ACTIVE;
+}
+
 const char* ipe_bus_state_counter(const ipe_bus_state_t* s, unsigned index, uint64_t* value)
 {
     const struct {

@@ -25,6 +25,9 @@ typedef struct {
 /// Use one frame that has IPE_CAN_ERR set. The new state as a static string, such as "bus-off"; NULL if it did not change.
 const char* ipe_bus_state_push(ipe_bus_state_t* s, const ipe_frame_t* frame);
 
+/// The interface was opened again: a controller starts error-active and sends no error frame that says so.
+void ipe_bus_state_open(ipe_bus_state_t* s);
+
 /// A counter by index: its cause, and its value. NULL past the last. The names are stable.
 const char* ipe_bus_state_counter(const ipe_bus_state_t* s, unsigned index, uint64_t* value);
 

@@ -41,6 +41,15 @@ static void test_bus_state_follows_a_controller_down_and_back(void)
     TEST_ASSERT_NULL(ipe_bus_state_counter(&state, 4, &value));
 }
 
+static void test_bus_state_open_after_bus_off_is_active_and_counts_stay(void)
+{
+    TEST_ASSERT_EQUAL_STRING("bus-off", push(CAN_ERR_BUSOFF, 0));
+    ipe_bus_state_open(&state);
+    TEST_ASSERT_EQUAL(IPE_BUS_ACTIVE, state.condition);
+    TEST_ASSERT_EQUAL_UINT64(1, state.n_off);
+    TEST_ASSERT_EQUAL_STRING("bus-off", push(CAN_ERR_BUSOFF, 0));
+}
+
 static void test_bus_state_a_storm_of_the_same_is_told_once(void)
 {
     TEST_ASSERT_NOT_NULL(push(CAN_ERR_CRTL, CAN_ERR_CRTL_RX_WARNING));
@@ -61,6 +70,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_bus_state_follows_a_controller_down_and_back);
+    RUN_TEST(test_bus_state_open_after_bus_off_is_active_and_counts_stay);
     RUN_TEST(test_bus_state_a_storm_of_the_same_is_told_once);
     RUN_TEST(test_bus_state_other_errors_say_nothing_of_it);
     return UNITY_END();

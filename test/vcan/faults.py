@@ -168,7 +168,7 @@ class Patient:
         self.folder.mkdir(parents=True)
         if any(action == "small disk" for _, action in self.facts["actions"]):
             (self.folder / "small").mkdir()
-            shell(f"mount -t tmpfs -o size=256k tmpfs {self.folder}/small")
+            shell(f"mount -t tmpfs -o size=128k tmpfs {self.folder}/small")
 
     def note_statistics(self) -> None:
         """Frames taken from the sender that the interface, on its way down, gave to nobody; frames of a storm."""

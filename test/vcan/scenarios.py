@@ -19,8 +19,8 @@ TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"
 
 TOGETHER = 8  # scenarios at once
-RATE = 50.0  # Hz of every message
-DURATION = 22.0  # s
+RATE = 25.0  # Hz of every message: the paper's, and an emulated guest keeps pace with it
+DURATION = 20.0  # s
 FROM, UNTIL = 10.0, 14.0  # s of the run during which the fault lasts
 LEAD = 0.05  # s after which a frame is sent: a frame can be sent before another one, but not before its time
 IMU, FORCE, POSITION = 0x10, 0x20, 0x30

@@ -5,73 +5,22 @@ tools/vcan provides the buses, prepare.py the runs in build/vcan.
 """
 
 import json
-import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import can
 import lcm
 import pytest
+from daemon import BIN, CLASSICAL, PATIENCE, TOP, URL, daemon, run
 
-from inertiad_lcm import health_t, tracker_t
+from inertiad_lcm import tracker_t
 
-TOP = Path(__file__).resolve().parents[2]
-BIN = TOP / "build/bin"
-CLASSICAL, FD, TIMED = (TOP / "build/vcan" / name for name in ("robot", "robot_fd", "robot_timed"))
-URL = "udpm://239.255.76.67:7667?ttl=0"
-PATIENCE = 60.0  # s; an emulated guest is slow
+FD, TIMED = (TOP / "build/vcan" / name for name in ("robot_fd", "robot_timed"))
 ON_TIME = 0.3  # s, no position later than that: rows still wait for it
 ATTEMPTS = 3
-
-
-def run(*command: object) -> str:
-    return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True, timeout=180).stdout
-
-
-class Daemon:
-    """A running inertiad and the counters of its latest HEALTH message."""
-
-    def __init__(self, *options: object, robot: Path = CLASSICAL, bus: str = "socketcan:vcan0"):
-        self.counters: dict[str, int] = {}
-        self.lcm = lcm.LCM(URL)
-        self.lcm.subscribe("INERTIAD_HEALTH", self._on_health)
-        command = [BIN / "inertiad", "-v", "--config", robot / "robot.cfg", "--bus", bus, "--lcm", URL, *options]
-        self.process = subprocess.Popen([str(c) for c in command], stderr=subprocess.PIPE, text=True)
-
-    def _on_health(self, _channel: str, data: bytes) -> None:
-        self.counters = {c.name: c.value for c in health_t.decode(data).counter}
-
-    def wait(self, condition: Callable[[dict[str, int]], bool]) -> None:
-        """Until the counters fulfil a condition."""
-        end = time.monotonic() + PATIENCE
-        while not (self.counters and condition(self.counters)):
-            assert time.monotonic() < end, f"waited in vain, latest counters: {self.counters}"
-            assert self.process.poll() is None, "the daemon ended by itself"
-            self.lcm.handle_timeout(100)
-
-    def stop(self) -> dict[str, int]:
-        """SIGTERM; the counters of the final summary."""
-        self.process.send_signal(signal.SIGTERM)
-        _, text = self.process.communicate(timeout=PATIENCE)
-        assert self.process.returncode == 0, text
-        rows = [line.removeprefix("inertiad: ").split() for line in text.splitlines()]
-        return {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
-
-
-@contextmanager
-def daemon(*options: object, **where: Any) -> Iterator[Daemon]:
-    d = Daemon(*options, **where)
-    try:
-        d.wait(lambda _: True)  # it has said that it is there
-        yield d
-    finally:
-        d.process.kill()
-        d.process.communicate()
 
 
 def log_time(path: Path) -> float:
@@ -208,7 +157,7 @@ def test_fd_frames_of_python_can_are_all_decoded():
 
 
 def test_random_traffic_at_full_speed_is_counted_to_the_last_frame():
-    n = 30000
+    n = 10000
     with daemon(bus="socketcan:vcan0?filter=off") as d:
         run("cangen", "vcan0", "-g", "0", "-n", n, "-m", "-R", "-p", "10")
         d.wait(lambda c: c["bus0.frames"] + c["bus0.dropped_by_kernel"] >= n)
