@@ -15,11 +15,13 @@ void ipe_eiv_correction_add(ipe_eiv_correction_t* a, const ipe_average_t* averag
         a->sum[i] += (float)(average->s_variance[i] / level);
         a->sum[3 + i] += (float)(average->alpha_variance[i] / level);
     }
+    a->n += (float)(1.0 / level);
 }
 
 void ipe_eiv_correction_forget(ipe_eiv_correction_t* a, double lambda)
 {
     for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) { a->sum[i] *= (float)lambda; }
+    a->n *= (float)lambda;
 }
 
 /// Rows of C: sqrt(sum) L^-1 dY/dk of noise channel k.
@@ -46,13 +48,26 @@ static void add_outer(double P[IPE_NP][IPE_NP], double scale, const double a[IPE
     }
 }
 
+/// The share of a channel's rows that can be noise: theta makes of it residuals of as many windows of unit variance.
+static double share_of_noise(const double rows[IPE_NY][IPE_NP], const double theta[IPE_NP], double n)
+{
+    double square = 0.0;
+    for (int i = 0; i < IPE_NY; ++i) {
+        double e = 0.0;
+        for (int j = 0; j < IPE_NP; ++j) { e += rows[i][j] * theta[j]; }
+        square += e * e;
+    }
+    return square > n ? n / square : 1.0;
+}
+
 void ipe_eiv_correction_information(const ipe_eiv_correction_t* a, const double L[IPE_NY][IPE_NY], double level,
-                                    double C[IPE_NP][IPE_NP])
+                                    const double theta[IPE_NP], double C[IPE_NP][IPE_NP])
 {
     double rows[IPE_NY][IPE_NP];
     for (int k = 0; k < IPE_NOISE_DENSITY_CHANNELS; ++k) {
         noise_rows(k, level * (double)a->sum[k], L, rows);
-        for (int row = 0; row < IPE_NY; ++row) { add_outer(C, 1.0, rows[row], rows[row]); }
+        const double share = share_of_noise((const double (*)[IPE_NP])rows, theta, level * (double)a->n);
+        for (int row = 0; row < IPE_NY; ++row) { add_outer(C, share, rows[row], rows[row]); }
     }
 }
 

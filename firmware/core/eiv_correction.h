@@ -11,7 +11,9 @@
 /// along the eigenvectors of C in the metric of P. Where that leaves less than was known before the data, what was known
 /// before is published. C is known to a tenth; what that makes of the correction is added to P. The filter's own state
 /// stays least squares.
-/// Source: Fuller, Measurement Error Models, 1987, section 2.2 (corrected normal equations). 24 B of state, 20 us.
+/// What shakes the platform, such as a motor or a stiff cable, looks like noise to noise_density.h, and is none: the cables
+/// pull with it. Noise of channel k leaves residuals, (dY/dk) theta, so var_k is at most what leaves as much as V says.
+/// Source: Fuller, Measurement Error Models, 1987, section 2.2 (corrected normal equations). 28 B of state, 20 us.
 #ifndef IPE_EIV_CORRECTION_H
 #define IPE_EIV_CORRECTION_H
 
@@ -21,6 +23,7 @@
 typedef struct {
     float sum
         [IPE_NOISE_DENSITY_CHANNELS];  ///< over windows: variance of their s, m2/s4, and of their alpha, rad2/s4, over level
+    float n;                           ///< windows, over level
 } ipe_eiv_correction_t;
 
 /// The window's equations have been used, whitened with a covariance that is `level` times some fixed one.
@@ -31,9 +34,10 @@ void ipe_eiv_correction_forget(ipe_eiv_correction_t* a, double lambda);
 
 /// Add what the noise pretended to know of theta about the IMU, to C.
 ///
-///   L  factor of the equations' covariance, which is `level` times that fixed one
+///   L      factor of the equations' covariance, which is `level` times that fixed one
+///   theta  about the IMU, as the filter has it
 void ipe_eiv_correction_information(const ipe_eiv_correction_t* a, const double L[IPE_NY][IPE_NY], double level,
-                                    double C[IPE_NP][IPE_NP]);
+                                    const double theta[IPE_NP], double C[IPE_NP][IPE_NP]);
 
 /// Correct theta and its covariance P, both in place, for C.
 ///

@@ -303,7 +303,8 @@ void ipe_estimator_solution(const ipe_estimator_t* e, const ipe_config_t* config
     const double factor = sigma_factor(e);
     solution->inflation = fmax(ipe_change_detector_inflation(&e->change_detector), factor * factor);
     ipe_prior_at_imu(config, solution->prior_theta, solution->prior_covariance);
-    ipe_eiv_correction_information(&e->eiv_correction, e->noise.L, ipe_noise_level(&e->noise), solution->spurious);
+    ipe_eiv_correction_information(&e->eiv_correction, e->noise.L, ipe_noise_level(&e->noise), e->rls.x,
+                                   solution->spurious);
     solution->std_geometry = config->std_geometry;
     solution->std_common_gain = ipe_filter_states_common_gain_std(config);
 }

@@ -92,6 +92,13 @@ def test_a_saturated_sensor_is_named(good: Recording) -> None:
     assert "force sensor 5 is saturated" in _findings(_with(good, f=f))
 
 
+@pytest.mark.parametrize("step", [1.0, 20.0])
+def test_a_coarse_sensor_is_not_saturated(good: Recording, step: float) -> None:
+    """It gives each of its values over and over, those at the turning points of a slow motion most of all."""
+    slow = np.repeat(good.rows.f[::8], 8, axis=0)[: len(good.rows)]
+    assert diagnose._saturated(good.robot, _with(good, f=step * np.rint(slow / step))) == []
+
+
 @pytest.mark.parametrize("tension_min", [0.0, 50.0])
 @pytest.mark.parametrize("std", [0.02, 0.5])
 def test_a_tension_held_at_its_least_is_not_saturated(good: Recording, std: float, tension_min: float) -> None:

@@ -67,7 +67,7 @@ static void identify(double s_size, double alpha_size)
 static void correct(double level, double theta[IPE_NP], double P[IPE_NP][IPE_NP])
 {
     double C[IPE_NP][IPE_NP] = {{0.0}};
-    ipe_eiv_correction_information(&attenuation, (const double (*)[IPE_NY])L, level, C);
+    ipe_eiv_correction_information(&attenuation, (const double (*)[IPE_NY])L, level, rls.x, C);
     ipe_eiv_correction_undo((const double (*)[IPE_NP])C, ZERO, (const double (*)[IPE_NP])prior, theta, P);
 }
 
@@ -100,6 +100,18 @@ static void test_undo_noise_alone_leaves_what_was_known_before(void)
     TEST_ASSERT_DOUBLE_WITHIN(3.0 * sqrt(P[4][4]), THETA[4], theta[4]);
 }
 
+static void test_undo_takes_no_more_for_noise_than_residuals_show(void)
+{
+    double theta[IPE_NP], P[IPE_NP][IPE_NP];
+    identify(0.5, 0.5);                                                      // given: a motor that shakes the platform,
+    for (int k = 0; k < 3; ++k) { attenuation.sum[k] *= 100.0F; }            // which looks like ten times the noise
+    undo(theta, P);                                                          // when
+    for (int i = 0; i < 4; ++i) {
+        TEST_ASSERT_DOUBLE_WITHIN(3.0 * sqrt(P[i][i]), THETA[i], theta[i]);  // then
+        TEST_ASSERT_TRUE(sqrt(P[i][i]) < 2.0 * ipe_rls_std(&rls, i));
+    }
+}
+
 static void test_undo_never_ends_above_the_prior(void)
 {
     double theta[IPE_NP], P[IPE_NP][IPE_NP];
@@ -128,6 +140,7 @@ static void test_undo_knows_the_level_of_each_window(void)
     identify(0.5, ALPHA_NOISE);  // given: the same, told in another unit
     undo(theta, P);
     for (int k = 0; k < IPE_NOISE_DENSITY_CHANNELS; ++k) { attenuation.sum[k] /= 4.0F; }
+    attenuation.n /= 4.0F;
     memcpy(again, rls.x, sizeof again);
     ipe_rls_covariance(&rls, IPE_NP, &P_again[0][0]);
     correct(4.0, again, P_again);                                                                               // when
@@ -149,6 +162,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_undo_noise_as_large_as_the_motion_gives_the_body);
     RUN_TEST(test_undo_noise_alone_leaves_what_was_known_before);
+    RUN_TEST(test_undo_takes_no_more_for_noise_than_residuals_show);
     RUN_TEST(test_undo_never_ends_above_the_prior);
     RUN_TEST(test_undo_without_noise_changes_nothing);
     RUN_TEST(test_undo_knows_the_level_of_each_window);

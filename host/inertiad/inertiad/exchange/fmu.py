@@ -17,7 +17,7 @@ from inertiad.base.error import InputError
 from inertiad.robot import configuration, description
 from inertiad_lcm import robot_config_t
 
-TOKEN: Final = "inertiad-feed-forward-1"
+TOKEN: Final = "inertiad-feed-forward-1"  # noqa: S105  (no secret)
 """of the model: FMU_TOKEN of tools/fmu.mk"""
 CRC_BYTES: Final = 4
 """that end robot.cfg"""

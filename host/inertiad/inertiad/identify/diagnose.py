@@ -28,6 +28,8 @@ STUCK_BAND: Final = 1e-4
 """of a channel's range: values this close to each other are one"""
 NEAR_END: Final = 0.05
 """of a channel's range: where a saturated sensor's values pile up"""
+PILED: Final = 5.0
+"""times as often as the channel's typical value: a turning point of a coarse sensor makes three"""
 ROUNDING: Final = 1e-9
 """of a channel's range: by so much two equal readings may differ after interpolation"""
 MOVING: Final = 0.02
@@ -35,6 +37,8 @@ MOVING: Final = 0.02
 SLACK_SHARE: Final = 0.01
 SLACK: Final = 0.5
 """of tension_min"""
+STILL: Final = "no_excitation"
+"""a finding that is no mistake"""
 FORCE_UNITS: Final = (("kN", 1e3), ("kg", units.G), ("lbf", 4.4482), ("daN", 10.0), ("mN", 1e-3))
 LOOK_AT_SENSOR: Final = "check this sensor: mounting, cable, amplifier, range; then repeat the run"
 TAUT: Final = "keep the motion where all cables pull: inertiactl excite keeps every tension inside its limits"
@@ -161,17 +165,18 @@ def _piles(x: Array, moving: NDArray[np.bool_]) -> Iterator[tuple[float, float, 
     """Value, share of the samples, and whether it is the lower end: piles near the ends of a channel's range.
 
     At the end of its range a sensor gives one value, sample after sample. A tension that a controller holds at its
-    limit has noise.
+    limit has noise. A coarse sensor gives each of its values that often.
     """
     bend = np.abs(np.diff(x, 2, prepend=x[:1], append=x[-1:]))[moving]
     x = x[moving]
     band = STUCK_BAND * float(x.max() - x.min())
+    often = float(np.median(np.unique(np.rint(x / band), return_counts=True)[1])) / len(x)
     for end, is_low in ((x.max(), False), (x.min(), True)):
         is_near = np.abs(x - end) <= NEAR_END * float(x.max() - x.min())
         values, counts = np.unique(np.rint(x[is_near] / band), return_counts=True)
         value = float(band * values[counts.argmax()])
         pile = np.abs(x - value) <= band
-        if np.median(bend[pile]) < ROUNDING * float(x.max() - x.min()):
+        if pile.mean() > PILED * often and np.median(bend[pile]) < ROUNDING * float(x.max() - x.min()):
             yield value, float(pile.mean()), is_low
 
 
@@ -218,8 +223,8 @@ def _findings(name: str, lines: list[str], severity: Severity = "stop", do: str 
     return [Finding(name, severity, line, do) for line in lines]
 
 
-def diagnose(robot: Robot, recordings: list[Recording]) -> list[Finding]:
-    """Mistakes, the surest first. Empty where nothing looks wrong."""
+def of_signals(robot: Robot, recordings: list[Recording]) -> list[Finding]:
+    """Mistakes that signals alone show, the surest first."""
     found: list[Finding] = []
     for run in recordings:
         found += _findings("tracker_unit", _tracker_unit(robot, run))
@@ -231,12 +236,23 @@ def diagnose(robot: Robot, recordings: list[Recording]) -> list[Finding]:
     for run in recordings:
         found += _findings("saturated_sensor", _saturated(robot, run), do=LOOK_AT_SENSOR)
         found += [] if unit else _findings("slack_cable", _slack(robot, run), "care", TAUT)
-    found += unit
-    still = _findings("no_excitation", _excitation(recordings), "care", "inertiactl excite ROBOT -o excite.csv")
-    if not found and not still:
-        found += mistake_fit.find(robot, recordings)
-    if not found:
-        for run in recordings:
-            found += _findings("specific_force", _unclear_gravity(robot, run))
-            found += _findings("gyro", _unclear_gyro(run))
-    return found + still
+    still = _findings(STILL, _excitation(recordings), "care", "inertiactl excite ROBOT -o excite.csv")
+    return found + unit + still
+
+
+def unclear(robot: Robot, recordings: list[Recording]) -> list[Finding]:
+    """What looks wrong with the IMU, of several possible causes."""
+    found: list[Finding] = []
+    for run in recordings:
+        found += _findings("specific_force", _unclear_gravity(robot, run))
+        found += _findings("gyro", _unclear_gyro(run))
+    return found
+
+
+def diagnose(robot: Robot, recordings: list[Recording]) -> list[Finding]:
+    """Mistakes, the surest first. Empty where nothing looks wrong."""
+    found = of_signals(robot, recordings)
+    if any(finding.name != STILL for finding in found):
+        return found
+    explained = [] if found else mistake_fit.find(robot, recordings)
+    return (explained or unclear(robot, recordings)) + found

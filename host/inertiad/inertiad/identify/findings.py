@@ -209,6 +209,11 @@ def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
             yield Finding("correction_beyond_prior", "care", says, do, evidence)
 
 
+def has_symptom(robot: Robot, result: dict[str, Any]) -> bool:
+    """The runs do not follow from robot.toml: no solution, residuals that are no noise, or errors beyond the stated."""
+    return not result["converged"] or has_misfit(robot, result) or _far(result, robot)[0][2] > FAR
+
+
 def _forces(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:
     estimates = [fit.of_batch("joint", result, g) for g in range(len(result["body"]))]
     squares = [

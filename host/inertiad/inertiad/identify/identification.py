@@ -16,10 +16,10 @@ import numpy as np
 from inertiad.base.body import NAMES, UNITS
 from inertiad.base.error import InputError
 from inertiad.base.finding import Finding, ordered, verdict
-from inertiad.identify import block_statistics, diagnose, findings, fit
+from inertiad.identify import block_statistics, diagnose, findings, fit, mistake_fit
 from inertiad.identify.block_statistics import Change
 from inertiad.identify.fit import Estimate, NoBodyError, Segment, Validation
-from inertiad.robot import configuration
+from inertiad.robot import configuration, systematic
 from inertiad.robot.description import Robot
 from inertiad.run import reader
 from inertiad.run.reader import Recording
@@ -29,6 +29,18 @@ FINE: Final = 0.0
 """s: blocks as short as the solver leaves them, to find the instant of a change"""
 APART: Final = 4.0
 """sigmas between the masses or CoGs of two stretches that make them two bodies"""
+LEAVES_MORE: Final = 3.0
+"""times the joint fit's residual: what a mistake may leave. Real ones left at most 2.0 times as much (modern seed 1000,
+each of test/host/mistakes.py), those that an attitude which follows acceleration looks like 5 times and more"""
+FOUND_BY_FIT: Final = {
+    "force_delay": "force_delay",
+    "attitude_delay": "attitude_delay",
+    "tracker_delay": "position_delay",
+    "tracker_target": "tracker_target",
+}
+"""mistakes that are sensors' errors, too"""
+SAME: Final = 0.3
+"""of a mistake's number: the joint fit's own may differ by so much"""
 SHORTEST: Final = 5.0
 """s of a stretch that gets a body of its own"""
 
@@ -233,15 +245,44 @@ class Identification:
     """of the batch solver; None: another method"""
 
 
+def _is_told_by_fit(robot: Robot, mistake: Finding, result: dict[str, Any]) -> bool:
+    """Does the joint fit find the same error by itself?"""
+    kind = FOUND_BY_FIT.get(mistake.name)
+    if kind is None:
+        return False
+    told = np.array(result["xi"])[systematic.group(kind, robot.n_cables).part]
+    number = np.array(mistake.evidence["numbers"])
+    return bool(np.abs(told - number).max() < SAME * np.abs(number).max())
+
+
+def _explains(robot: Robot, mistake: Finding, result: dict[str, Any]) -> bool:
+    """Does it leave about as little as the joint fit, or find what that finds? The joint fit knows more errors, such as
+    an attitude that follows acceleration: what leaves much more than it does is no explanation."""
+    left, left_by_fit = float(mistake.evidence["residual_without_N"]), findings.residual(result)[0]
+    return left < LEAVES_MORE * left_by_fit or _is_told_by_fit(robot, mistake, result)
+
+
+def _mistakes(robot: Robot, solved: Solved) -> list[Finding]:
+    """Mistakes that signals do not show, judged beside the joint fit."""
+    result, runs = solved.result, solved.recordings
+    found = mistake_fit.find(robot, runs)
+    if result["converged"]:
+        found = [mistake for mistake in found if _explains(robot, mistake, result)]
+    return found or (diagnose.unclear(robot, runs) if findings.has_symptom(robot, result) else [])
+
+
 def joint(
-    robot: Robot, config: Any, recordings: list[Recording], mistakes: list[Finding], progress: Progress = _silent
+    robot: Robot, config: Any, recordings: list[Recording], signals: list[Finding], progress: Progress = _silent
 ) -> Identification:
-    """The joint fit with its payload changes and findings."""
+    """The joint fit with mistakes, payload changes and findings. signals: diagnose.of_signals()."""
     parts = [Part(run, run, 0.0, run.duration, 0) for run in recordings]
     try:
         solved = _solve(config, parts)
     except NoBodyError as error:
-        return Identification(None, ordered([*mistakes, _no_body(error)]), [], [])
+        return Identification(None, ordered([*diagnose.diagnose(robot, recordings), _no_body(error)]), [], [])
+    if not signals:
+        progress("look for mistakes")
+    mistakes = signals or _mistakes(robot, solved)
     if not mistakes:
         progress("look for changes")
         solved = _follow_drift(_follow_changes(robot, config, solved))
@@ -274,18 +315,18 @@ def identify(
     Where there is nothing to solve, the result is the mistake that stops it; InputError: none was found.
     """
     config = reader.config_of(robot, str(recordings[0].path))
-    progress("look for mistakes")
-    mistakes = diagnose.diagnose(robot, recordings)
     progress("fit")
     try:
         if method == "joint":
-            done = joint(robot, config, recordings, mistakes, progress)
+            done = joint(robot, config, recordings, diagnose.of_signals(robot, recordings), progress)
         else:
             estimate = fit.fit(method, robot, config, recordings)
-            done = Identification(estimate, ordered([*mistakes, *findings.of_estimate(estimate)]), [], [])
+            found = [*diagnose.diagnose(robot, recordings), *findings.of_estimate(estimate)]
+            done = Identification(estimate, ordered(found), [], [])
     except NoBodyError as error:
-        return Identification(None, ordered([*mistakes, _no_body(error)]), [], [])
+        return Identification(None, ordered([*diagnose.diagnose(robot, recordings), _no_body(error)]), [], [])
     except InputError as error:
+        mistakes = diagnose.diagnose(robot, recordings)
         if verdict(mistakes) == "stop":
             return Identification(None, ordered(mistakes), [], [])
         raise InputError("; ".join([str(error), *(mistake.says for mistake in mistakes)])) from None

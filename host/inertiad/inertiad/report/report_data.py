@@ -315,7 +315,7 @@ def _together(found: list[Run], command: str, progress: Progress) -> Facts:
     robot = recordings[0].robot
     config = reader.config_of(robot, robot.name)
     progress("fit all runs together")
-    done = identification.joint(robot, config, recordings, diagnose.diagnose(robot, recordings), progress)
+    done = identification.joint(robot, config, recordings, diagnose.of_signals(robot, recordings), progress)
     if done.result is None:
         return Facts(robot, found, found=done.findings, command=command)
     result = fit.batch(config, recordings) if done.segments else done.result

@@ -473,7 +473,8 @@ struct Problem {
 
     /// Information about theta that noise in a run's regressors pretends (eiv_correction.h), under the factors of the windows'
     /// covariances.
-    static Covariance pretended(const RunWindows& run, Derived derived, const std::vector<Square6>& factor)
+    static Covariance pretended(const RunWindows& run, Derived derived, const Theta& x,
+                                const std::vector<Square6>& factor)
     {
         Covariance C = Covariance::Zero();
         for (std::size_t k = 0; k < run.window.size(); ++k) {
@@ -482,7 +483,7 @@ struct Problem {
             if (derived.force) { std::fill_n(of.sum, 3, 0.0F); }  // smoothed in Y instead
             if (derived.rate) { std::fill_n(of.sum + 3, 3, 0.0F); }
             Matrix6 L = factor[k];
-            ipe_eiv_correction_information(&of, as_array(L), 1.0, as_array(C));
+            ipe_eiv_correction_information(&of, as_array(L), 1.0, x.data(), as_array(C));
         }
         return C;
     }
@@ -544,7 +545,8 @@ struct Problem {
             std::vector<Square6> factor;
             H_prior += means.transpose() * means;
             if (!p.run[r].window.empty()) { cut(p.run[r], r, whitened(p.run[r], p.measured[r], V[r], &factor), block); }
-            spurious.push_back(pretended(p.run[r], runs[r].derived, factor));
+            const Theta& x = theta[static_cast<std::size_t>(runs[r].group)];
+            spurious.push_back(pretended(p.run[r], runs[r].derived, x, factor));
         }
     }
 
