@@ -14,7 +14,7 @@ from inertiad.run import reader
 from inertiad.run.reader import Recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "accept"))
-import scenes  # noqa: E402
+import scenes
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_a_mistake_that_leaves_more_than_the_fit_is_none(run: Recording) -> None
 def test_a_gyro_that_a_wandering_attitude_contradicts_is_left_alone(
     run: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """unclear() compares the gyro with the attitude's rate; where the fit has no symptom, the attitude is the noisy one."""
+    """unclear() compares the gyro with the attitude's rate: where the fit has no symptom, the attitude is noisy."""
     unclear = [Finding("gyro", "stop", "the gyro is 0.52 times the rate of the attitude", "")]
     monkeypatch.setattr(identification.diagnose, "unclear", lambda *_: unclear)
     monkeypatch.setattr(identification.mistake_fit, "find", lambda *_: [])
