@@ -27,6 +27,8 @@ constexpr double SPEED_STD = 0.05;    // m/s, of the vertical speed's change ove
 constexpr double IMPLAUSIBLE = 3.0;   // sigmas, as in firmware/core/filter_states.c
 constexpr double LEAST_TOLD =
     0.1;  // of a prior's variance: a sigma of the data beyond three of the prior's says little
+constexpr double SPREAD_SURE =
+    2.0;  // times the stated spread of gains: four sensors exceed it by chance once in 135 robots
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
@@ -232,10 +234,24 @@ struct Problem {
         return static_cast<int>(found.size()) == config.n_cables() ? found : std::vector<Eigen::Index>{};
     }
 
+    /// Sigma of the common gain, which no data tell. Gains that differ by more than stated come from worse sensors than
+    /// stated: what these have in common is as much worse.
+    double common_gain_std() const
+    {
+        if (!has_common_gain()) { return 0.0; }
+        double square = 0.0;
+        for (const Eigen::Index at : gains()) {
+            const int i = free[static_cast<std::size_t>(at - IPE_NP * n_groups)];
+            square += xi[i] * xi[i] / (std_xi[i] * std_xi[i]);
+        }
+        const double spread = std::sqrt(square / std::max(config.n_cables() - 1.0, 1.0));
+        return ipe_filter_states_common_gain_std(&config.c()) * (spread > SPREAD_SURE ? spread : 1.0);
+    }
+
     /// What is not known of the common gain, in the gains' covariance.
     void add_common_gain(Eigen::MatrixXd& covariance) const
     {
-        const double std = has_common_gain() ? ipe_filter_states_common_gain_std(&config.c()) : 0.0;
+        const double std = common_gain_std();
         for (const Eigen::Index i : gains()) {
             for (const Eigen::Index j : gains()) { covariance(i, j) += std * std; }
         }

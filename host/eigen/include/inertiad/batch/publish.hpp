@@ -28,7 +28,7 @@ inline BatchBody publish_body(const Problem& problem, int group)
     Eigen::Map<Covariance>(&s.prior_covariance[0][0]) = prior;
     if (!problem.free.empty()) { Eigen::Map<Covariance>(&s.spurious[0][0]) = spurious_information(problem, group); }
     if (problem.n_geometry > 0) { s.std_geometry = 0.0; }
-    if (!problem.has_common_gain()) { s.std_common_gain = 0.0; }
+    s.std_common_gain = problem.common_gain_std();
     BatchBody b{};
     const ipe_estimate_t e = publish(problem.config, s, &problem.prior_std_body[g], b.theta.data());
     b.theta_possible = Eigen::Map<const Theta>(e.theta);
