@@ -38,7 +38,10 @@ typedef struct {
     ipe_window_t window;
     ipe_estimator_t estimator;
     ipe_announcement_t* announcement;  ///< the caller's, NULL: none
-    uint64_t n_announced_taken, n_announced_other, n_announced_failed, n_announced_missed;
+    uint64_t n_announced_taken;        ///< announced payloads that came as announced
+    uint64_t n_announced_other;        ///< contacts after which another mass hangs than the announced one
+    uint64_t n_announced_failed;       ///< contacts that were broken off
+    uint64_t n_announced_missed;       ///< announced payloads that did not come in time
     bool is_frozen;                    ///< windows do not reach the estimator
     uint64_t n_frozen;                 ///< windows that did not reach the estimator while it was frozen
 } ipe_pipeline_t;
