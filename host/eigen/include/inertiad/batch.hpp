@@ -3,8 +3,7 @@
 ///
 ///   y(xi) - Y(xi) theta_g = e,   e ~ N(0, V_run);   theta_g ~ N(theta_0, P_0),  xi ~ N(0, diag(std^2))
 /// Damped Gauss-Newton: each step runs rows -> wrench -> window again under the corrected calibration, so the residual is
-/// exact, and takes [Y, -X] of systematic.h as its derivative, but for position delay and low-pass, whose columns are
-/// differences (run_windows.hpp). X is taken at the tensions nearest to the measured ones that
+/// exact, and takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that
 /// leave no residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and
 /// the body with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). What of the motion
 /// was derived instead of measured is smoothed for Y and X (derived.hpp).

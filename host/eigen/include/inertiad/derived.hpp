@@ -124,6 +124,7 @@ inline std::vector<ipe_row_t> corrected_rows(const Config& config, const Config&
 struct SmoothWindow {
     ipe_average_t average;
     Eigen::Vector3d jerk;  ///< change of the specific force in W, P axes, m/s3; zero where it was measured
+    std::array<double, IPE_CABLES_MAX> f_curvature;  ///< of the tensions, N/s2; zero beside a gap
 };
 
 namespace detail {
@@ -152,6 +153,18 @@ parabola(const std::vector<ipe_average_t>& window, std::size_t k, std::size_t re
     return {value, slope};
 }
 
+/// Slope of the tensions' slopes from the window before k to the one after it.
+inline std::array<double, IPE_CABLES_MAX> force_curvature(const std::vector<ipe_average_t>& window, std::size_t k)
+{
+    std::array<double, IPE_CABLES_MAX> found{};
+    if (k == 0 || k + 1 >= window.size() || !follows(window, k + 1, 2)) { return found; }
+    const double elapsed = 1e-9 * static_cast<double>(window[k + 1].t_ns - window[k - 1].t_ns);
+    for (std::size_t i = 0; i < IPE_CABLES_MAX; ++i) {
+        found[i] = (window[k + 1].f_slope[i] - window[k - 1].f_slope[i]) / elapsed;
+    }
+    return found;
+}
+
 }  // namespace detail
 
 /// Windows with derived motion smoothed: a parabola through each one and up to four on either side. Its noise, twice
@@ -160,7 +173,7 @@ inline std::vector<SmoothWindow> smoothed(Derived derived, const std::vector<ipe
 {
     std::vector<SmoothWindow> found;
     for (std::size_t k = 0; k < window.size(); ++k) {
-        SmoothWindow x{window[k], Eigen::Vector3d::Zero()};
+        SmoothWindow x{window[k], Eigen::Vector3d::Zero(), detail::force_curvature(window, k)};
         ipe_average_t& a = x.average;
         const std::size_t reach = detail::reach_around(window, k);
         if (derived.rate) {
@@ -180,12 +193,17 @@ inline std::vector<SmoothWindow> smoothed(Derived derived, const std::vector<ipe
     return found;
 }
 
-/// systematic_columns() of a window whose motion was derived.
+/// systematic_columns() of a window whose motion was derived, and with that of the forces' low-pass.
 inline SystematicColumns systematic_columns(const Config& config, Derived derived, const SmoothWindow& window,
                                             const Theta& theta)
 {
     const ipe_average_t& a = window.average;
     SystematicColumns X = systematic_columns(config, a, theta);
+    for (int i = 0; i < config.n_cables(); ++i) {  // minus the column of a force offset is that of the measured force
+        const auto at = static_cast<std::size_t>(i);
+        X.col(IPE_XI_FORCE_LOWPASS) +=
+            (1.0 + config.c().force_gain[i]) * window.f_curvature[at] * X.col(IPE_XI_FORCE + i);
+    }
     X.middleCols<3>(IPE_XI_ATTITUDE) += detail::turned_motion(derived, a, theta);
     if (derived.force) {
         X.col(IPE_XI_YAW) += detail::turned_motion({true, false}, a, theta) * Eigen::Map<const Vector3>(a.R[2]);

@@ -24,9 +24,8 @@ using SystematicColumns = Eigen::Matrix<double, IPE_NY, IPE_XI_MAX, Eigen::RowMa
 
 constexpr double SMOOTHED_REST_SPEED = 5e-3;  // m/s: a third of the platform's, as the error of smoothed speeds
 
-/// Windows of rows and their motion under a configuration. Rows that a stage refuses are left out, as on the platform.
-inline std::vector<ipe_average_t> windows_of(const Config& config, const std::vector<ipe_row_t>& rows,
-                                             const std::vector<RowMotion>& motion)
+/// Windows of rows under a configuration. Rows that a stage refuses are left out, as on the platform.
+inline std::vector<ipe_average_t> windows_of(const Config& config, const std::vector<ipe_row_t>& rows)
 {
     std::vector<ipe_average_t> found;
     ipe_wrench_stage_t wrench_stage;
@@ -34,6 +33,7 @@ inline std::vector<ipe_average_t> windows_of(const Config& config, const std::ve
     ipe_wrench_init(&wrench_stage, &config.c());
     if (ipe_motion_is_fused(&config.c())) { wrench_stage.rest_speed = SMOOTHED_REST_SPEED; }
     ipe_window_init(&window, &config.c());
+    const std::vector<RowMotion> motion = smoothed_motion(config, rows);
     for (std::size_t k = 0; k < rows.size(); ++k) {
         ipe_wrench_t wrench;
         ipe_average_t average;
@@ -46,11 +46,6 @@ inline std::vector<ipe_average_t> windows_of(const Config& config, const std::ve
         if (ipe_cable_inertia_add(&config.c(), &average) == IPE_OK) { found.push_back(average); }
     }
     return found;
-}
-
-inline std::vector<ipe_average_t> windows_of(const Config& config, const std::vector<ipe_row_t>& rows)
-{
-    return windows_of(config, rows, smoothed_motion(config, rows));
 }
 
 /// Y [6][10] of a window.

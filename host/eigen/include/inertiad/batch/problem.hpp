@@ -108,12 +108,6 @@ struct Problem {
         return sum;
     }
 
-    /// What a body [10] about the IMU leaves of a window's wrench.
-    static Column6 wrench_error(const ipe_average_t& a, const Theta& x)
-    {
-        return Eigen::Map<const Vector6>(a.y) - regressor(a) * x;
-    }
-
     /// Rows [A, b] of a run as measured, and what drift does to each window's.
     Equations equations(const RunWindows& run, const BatchRun& of, const Config& corrected) const
     {
@@ -143,12 +137,7 @@ struct Problem {
             const Regressor Y = regressor(smooth[k].average);
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
             const SmoothWindow at = reproducing(W, y - Y * x, with_forces);
-            SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
-            const auto change_to = [&](const std::vector<ipe_average_t>& beside) {
-                return Column6(wrench_error(beside[k], x) - wrench_error(a, x));
-            };
-            if (!run.later.empty()) { X.col(IPE_XI_POSITION_DELAY) = change_to(run.later) / DELAY_STEP; }
-            if (!run.sharper.empty()) { X.col(IPE_XI_FORCE_LOWPASS) = change_to(run.sharper) / LOWPASS_STEP; }
+            const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
             const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&a.R[0][0]);
             found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
                 -X.middleCols(IPE_XI_FORCE, config.n_cables());
@@ -430,8 +419,7 @@ struct Problem {
         Pass p;
         const Config corrected = calibrated(config, xi);
         for (std::size_t r = 0; r < runs.size(); ++r) {
-            const bool is_later = place(IPE_XI_POSITION_DELAY) >= 0, is_sharper = place(IPE_XI_FORCE_LOWPASS) >= 0;
-            p.run.push_back(windows_under(config, corrected, runs[r], xi, is_later, is_sharper));
+            p.run.push_back(windows_under(config, corrected, runs[r], xi));
             RunWindows& run = p.run.back();
             p.means.push_back(mean_rows(run.window, runs[r].derived));
             gate_rest(config, run);

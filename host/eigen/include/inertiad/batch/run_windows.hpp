@@ -24,17 +24,10 @@ constexpr double NOISE_FLOOR = 1e-4;  // of the configured variance, as in firmw
 using Square6 = Eigen::Matrix<double, 6, 6>;
 using Column6 = Eigen::Matrix<double, 6, 1>;
 
-constexpr double DELAY_STEP = 1e-4;    // s: chosen far below the sampling period
-constexpr double LOWPASS_STEP = 1e-6;  // s2: forces are linear in it
-
-/// The windows of one run under one calibration, and the same ones beside it, whose differences are columns: slopes of
-/// windows show neither how an attitude that follows from the positions turns when these come later, nor how the tensions
-/// bend within a window.
+/// The windows of one run under one calibration.
 struct RunWindows {
     std::vector<ipe_average_t> window;
     std::vector<bool> is_rest;
-    std::vector<ipe_average_t> later;    ///< positions later by DELAY_STEP; empty: these only move the pose
-    std::vector<ipe_average_t> sharper;  ///< forces before a low-pass that is larger by LOWPASS_STEP; empty: not wanted
 };
 
 /// At rest, as the platform has it (pose_dwell.h), rate and acceleration are sensor noise: taken as they are they would wear
@@ -56,31 +49,10 @@ inline void gate_rest(const Config& config, RunWindows& run)
     }
 }
 
-/// The windows under xi, beside it where the position delay (is_later) or the low-pass (is_sharper) is unknown.
 inline RunWindows windows_under(const Config& config, const Config& corrected, const BatchRun& run,
-                                const Eigen::VectorXd& xi, bool is_later, bool is_sharper)
+                                const Eigen::VectorXd& xi)
 {
-    const auto rows_under = [&](int i, double step) {
-        Eigen::VectorXd beside = xi;
-        beside[i] += step;
-        return corrected_rows(config, corrected, beside, *run.rows, run.derived);
-    };
-    const std::vector<ipe_row_t> rows = corrected_rows(config, corrected, xi, *run.rows, run.derived);
-    const std::vector<RowMotion> motion = smoothed_motion(corrected, rows);
-    RunWindows found{windows_of(corrected, rows, motion), {}, {}, {}};
-    const auto only_same = [&found](std::vector<ipe_average_t> beside) {
-        const auto is_same = [](const ipe_average_t& a, const ipe_average_t& b) { return a.t_ns == b.t_ns; };
-        const auto& window = found.window;
-        const bool are_same = std::equal(window.begin(), window.end(), beside.begin(), beside.end(), is_same);
-        return are_same ? beside : std::vector<ipe_average_t>{};
-    };
-    if (is_later && ipe_motion_is_fused(&corrected.c())) {
-        found.later = only_same(windows_of(corrected, rows_under(IPE_XI_POSITION_DELAY, DELAY_STEP)));
-    }
-    if (is_sharper) {
-        found.sharper = only_same(windows_of(corrected, rows_under(IPE_XI_FORCE_LOWPASS, LOWPASS_STEP), motion));
-    }
-    return found;
+    return {windows_of(corrected, corrected_rows(config, corrected, xi, *run.rows, run.derived)), {}};
 }
 
 /// V_run from the innovations' long-run sum, the part of their variance that drift explains [6], as a sum, and, counting
