@@ -53,6 +53,8 @@ def test_a_gyro_that_a_wandering_attitude_contradicts_is_left_alone(
     monkeypatch.setattr(identification.mistake_fit, "find", lambda *_: [])
     config = reader.config_of(run.robot, run.robot.name)
     solved = identification._solve(config, [identification.Part(run, run, 0.0, run.duration, 0)])
-    assert identification._mistakes(run.robot, solved) == []
+    assert identification._mistakes(run.robot, solved, []) == []
     solved.result["converged"] = False
-    assert identification._mistakes(run.robot, solved) == unclear
+    assert identification._mistakes(run.robot, solved, []) == unclear
+    still = Finding("no_excitation", "care", "the platform is at rest throughout", "")
+    assert identification._mistakes(run.robot, solved, [still]) == [*unclear, still]

@@ -249,10 +249,15 @@ def unclear(robot: Robot, recordings: list[Recording]) -> list[Finding]:
     return found
 
 
+def are_mistakes(found: list[Finding]) -> bool:
+    """Is one of them more than a platform at rest?"""
+    return any(finding.name != STILL for finding in found)
+
+
 def diagnose(robot: Robot, recordings: list[Recording]) -> list[Finding]:
     """Mistakes, the surest first. Empty where nothing looks wrong."""
     found = of_signals(robot, recordings)
-    if any(finding.name != STILL for finding in found):
+    if are_mistakes(found):
         return found
     explained = [] if found else mistake_fit.find(robot, recordings)
     return (explained or unclear(robot, recordings)) + found

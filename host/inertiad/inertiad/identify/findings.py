@@ -211,7 +211,8 @@ def _corrections(robot: Robot, result: dict[str, Any]) -> Iterator[Finding]:
 
 def has_symptom(robot: Robot, result: dict[str, Any]) -> bool:
     """The runs do not follow from robot.toml: no solution, residuals that are no noise, or errors beyond the stated."""
-    return not result["converged"] or has_misfit(robot, result) or _far(result, robot)[0][2] > FAR
+    is_far = any(far > FAR for _, _, far in _far(result, robot))
+    return is_far or not result["converged"] or has_misfit(robot, result)
 
 
 def _forces(config: Any, result: dict[str, Any], recordings: list[Recording], group: list[int]) -> Iterator[Finding]:

@@ -30,8 +30,9 @@ FINE: Final = 0.0
 APART: Final = 4.0
 """sigmas between the masses or CoGs of two stretches that make them two bodies"""
 LEAVES_MORE: Final = 3.0
-"""times the joint fit's residual: what a mistake may leave. Real ones left at most 2.0 times as much (modern seed 1000,
-each of test/host/mistakes.py), those that an attitude which follows acceleration looks like 5 times and more"""
+"""times the joint fit's residual: what a mistake may leave. A real one for which the joint fit has no error of its own
+left at most 2.0 times as much (modern seed 1000, test/host/mistakes.py and the table of test_diagnose.py). What an
+attitude that follows acceleration looks like left 5 times as much and more."""
 FOUND_BY_FIT: Final = {
     "force_delay": "force_delay",
     "attitude_delay": "attitude_delay",
@@ -262,13 +263,17 @@ def _explains(robot: Robot, mistake: Finding, result: dict[str, Any]) -> bool:
     return left < LEAVES_MORE * left_by_fit or _is_told_by_fit(robot, mistake, result)
 
 
-def _mistakes(robot: Robot, solved: Solved) -> list[Finding]:
-    """Mistakes that signals do not show, judged beside the joint fit."""
+def _mistakes(robot: Robot, solved: Solved, signals: list[Finding]) -> list[Finding]:
+    """Those that signals show; where these show none, those that explain the runs, judged beside the joint fit."""
     result, runs = solved.result, solved.recordings
-    found = mistake_fit.find(robot, runs)
+    if diagnose.are_mistakes(signals):
+        return signals
+    found = [] if signals else mistake_fit.find(robot, runs)
     if result["converged"]:
         found = [mistake for mistake in found if _explains(robot, mistake, result)]
-    return found or (diagnose.unclear(robot, runs) if findings.has_symptom(robot, result) else [])
+    if not found and findings.has_symptom(robot, result):
+        found = diagnose.unclear(robot, runs)
+    return found + signals
 
 
 def joint(
@@ -280,9 +285,8 @@ def joint(
         solved = _solve(config, parts)
     except NoBodyError as error:
         return Identification(None, ordered([*diagnose.diagnose(robot, recordings), _no_body(error)]), [], [])
-    if not signals:
-        progress("look for mistakes")
-    mistakes = signals or _mistakes(robot, solved)
+    progress("look for mistakes")
+    mistakes = _mistakes(robot, solved, signals)
     if not mistakes:
         progress("look for changes")
         solved = _follow_drift(_follow_changes(robot, config, solved))
