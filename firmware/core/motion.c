@@ -26,6 +26,7 @@
 #define SETTLE_TIME 10.0         // s, chosen over the 1 to 3 s that this takes: sensors that need longer tell no more
 #define DECAY_MEMORY 0.4        // s, over which the decay of the attitude's error is averaged: chosen as a usual window
 #define SLOWEST_DECAY 1e-4      // 1/s: chosen so that the correlation time stays finite
+#define STEP_RATIO_MAX 2.0      // of neighbouring steps: chosen over jitter and under the 2 of a lost row
 #define GATE 6.0                // sigmas: chosen so that noise is beyond once in 5e8 positions; with it
 #define JUMP 0.05               // m: chosen over what stamps 50 ms late do at 1 m/s; further off contradicts
 #define FASTEST 10.0            // m/s: chosen as no platform moves faster
@@ -157,11 +158,23 @@ static void accelerate(ipe_motion_stage_t* m)
     m->a[2] -= m->gravity;
 }
 
-/// p, v, R over dt seconds to a row with these readings; trapezoids.
+/// The second derivative at a step of dt whose slope is this, given the slope before it. 0 where the steps differ so much
+/// that a difference of slopes is mostly noise.
+static double bend(const ipe_motion_stage_t* m, double dt, double slope, double slope_before)
+{
+    const bool is_regular = m->step > dt / STEP_RATIO_MAX && m->step < dt * STEP_RATIO_MAX;
+    return is_regular ? 2.0 * (slope - slope_before) / (m->step + dt) : 0.0;
+}
+
+/// p, v, R over dt seconds to a row with these readings: integrals of the parabola through three rows.
 static void advance_mean(ipe_motion_stage_t* m, double dt, const double acc[3], const double gyro[3])
 {
     double s[3], w[3], mean[3], turn[3], turned[3][3], R[3][3], s_before[3], a_before[3];
-    for (int i = 0; i < 3; ++i) { mean[i] = 0.5 * (m->gyro[i] + gyro[i]); }
+    for (int i = 0; i < 3; ++i) {
+        const double slope = (gyro[i] - m->gyro[i]) / dt;
+        mean[i] = 0.5 * (m->gyro[i] + gyro[i]) - dt * dt / 12.0 * bend(m, dt, slope, m->gyro_slope[i]);
+        m->gyro_slope[i] = slope;
+    }
     calibrate(m, acc, mean, s, w);
     for (int i = 0; i < 3; ++i) { turn[i] = dt * w[i]; }
     mat3_exp(turn, turned);
@@ -182,9 +195,13 @@ static void advance_mean(ipe_motion_stage_t* m, double dt, const double acc[3], 
     memcpy(m->R, R, sizeof m->R);
     accelerate(m);
     for (int i = 0; i < 3; ++i) {
-        m->p[i] += dt * (m->v[i] + dt * (2.0 * a_before[i] + m->a[i]) / 6.0);
-        m->v[i] += 0.5 * dt * (a_before[i] + m->a[i]);
+        const double slope = (m->a[i] - a_before[i]) / dt;
+        const double bent = dt * dt * bend(m, dt, slope, m->a_slope[i]);
+        m->p[i] += dt * (m->v[i] + dt * ((2.0 * a_before[i] + m->a[i]) / 6.0 - bent / 24.0));
+        m->v[i] += dt * (0.5 * (a_before[i] + m->a[i]) - bent / 12.0);
+        m->a_slope[i] = slope;
     }
+    m->step = dt;
 }
 
 /// The rotation matrix nearest to R, which is close to one.
@@ -466,6 +483,7 @@ static void start_position(ipe_motion_stage_t* m, const double x[3])
     m->settled_ns = m->t_ns;
     m->gate2 = HUGE_VAL;
     m->epoch_ns = m->t_ns;
+    m->step = 0.0;
     clear_sums(m);
     accelerate(m);
 }
