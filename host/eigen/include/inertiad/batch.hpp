@@ -37,15 +37,36 @@ struct NoBody : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
+namespace detail {
+
+/// The problem where its descent has ended: with a low-pass of the forces as an unknown where the data tell one. Elsewhere
+/// there is none, and what is not known of it is in P.
+inline Problem descend(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings,
+                       BatchResult& result)
+{
+    Problem without(config, runs, settings, false), with(config, runs, settings, true);
+    Descent(without, settings).run(result);
+    if (with.n == without.n) { return without; }
+    const Problem::LowPass seen = with.low_pass(without);
+    if (!seen.is_told) {
+        without.P += seen.effect * seen.effect.transpose();
+        return without;
+    }
+    Problem fresh(config, runs, settings, true);
+    Descent(fresh, settings).run(result);
+    return fresh;
+}
+
+}  // namespace detail
+
 /// Solve. result.is_converged says whether it is a solution. Throws std::domain_error with the reason where there is nothing
 /// to solve, NoBody where the data contradict every body.
 inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings)
 {
     Config used = config;
     for (const BatchRun& run : runs) { used = usable(used, run.derived); }
-    detail::Problem problem(used, runs, settings);
     BatchResult result{};
-    detail::Descent(problem, settings).run(result);
+    detail::Problem problem = detail::descend(used, runs, settings, result);
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
     if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }

@@ -124,7 +124,7 @@ inline std::vector<ipe_row_t> corrected_rows(const Config& config, const Config&
 struct SmoothWindow {
     ipe_average_t average;
     Eigen::Vector3d jerk;  ///< change of the specific force in W, P axes, m/s3; zero where it was measured
-    std::array<double, IPE_CABLES_MAX> f_curvature;  ///< of the tensions, N/s2; zero beside a gap
+    std::array<double, IPE_CABLES_MAX> f_curvature;  ///< of the tensions, N/s2; zero until set_force_curvature()
 };
 
 namespace detail {
@@ -153,18 +153,6 @@ parabola(const std::vector<ipe_average_t>& window, std::size_t k, std::size_t re
     return {value, slope};
 }
 
-/// Slope of the tensions' slopes from the window before k to the one after it.
-inline std::array<double, IPE_CABLES_MAX> force_curvature(const std::vector<ipe_average_t>& window, std::size_t k)
-{
-    std::array<double, IPE_CABLES_MAX> found{};
-    if (k == 0 || k + 1 >= window.size() || !follows(window, k + 1, 2)) { return found; }
-    const double elapsed = 1e-9 * static_cast<double>(window[k + 1].t_ns - window[k - 1].t_ns);
-    for (std::size_t i = 0; i < IPE_CABLES_MAX; ++i) {
-        found[i] = (window[k + 1].f_slope[i] - window[k - 1].f_slope[i]) / elapsed;
-    }
-    return found;
-}
-
 }  // namespace detail
 
 /// Windows with derived motion smoothed: a parabola through each one and up to four on either side. Its noise, twice
@@ -173,7 +161,7 @@ inline std::vector<SmoothWindow> smoothed(Derived derived, const std::vector<ipe
 {
     std::vector<SmoothWindow> found;
     for (std::size_t k = 0; k < window.size(); ++k) {
-        SmoothWindow x{window[k], Eigen::Vector3d::Zero(), detail::force_curvature(window, k)};
+        SmoothWindow x{window[k], Eigen::Vector3d::Zero(), {}};
         ipe_average_t& a = x.average;
         const std::size_t reach = detail::reach_around(window, k);
         if (derived.rate) {
@@ -191,6 +179,19 @@ inline std::vector<SmoothWindow> smoothed(Derived derived, const std::vector<ipe
         found.push_back(x);
     }
     return found;
+}
+
+/// How tensions f [windows][m] bend, from each window and the one on either side; zero beside a gap.
+inline void set_force_curvature(const std::vector<Eigen::VectorXd>& f, std::vector<SmoothWindow>& window)
+{
+    for (std::size_t k = 1; k + 1 < window.size(); ++k) {
+        const ipe_average_t &before = window[k - 1].average, &now = window[k].average, &after = window[k + 1].average;
+        const double since = 1e-9 * static_cast<double>(now.t_ns - before.t_ns);
+        const double until = 1e-9 * static_cast<double>(after.t_ns - now.t_ns);
+        if (since + until >= 2.5 * 0.25 * now.length) { continue; }
+        const Eigen::VectorXd rise = (f[k + 1] - f[k]) / until, fall = (f[k] - f[k - 1]) / since;
+        Eigen::Map<Eigen::VectorXd>(window[k].f_curvature.data(), rise.size()) = 2.0 * (rise - fall) / (since + until);
+    }
 }
 
 /// systematic_columns() of a window whose motion was derived, and with that of the forces' low-pass.

@@ -29,6 +29,8 @@ struct BatchSettings {
     double theta_prior = 1.0;       ///< factor on the prior sigmas of theta
     bool is_weight_learnt = true;   ///< V_run from the residuals; false: the configured covariance holds
     int n_steps_max = 160;
+
+    bool is_wanted(int i) const { return is_free.empty() || is_free[static_cast<std::size_t>(i)]; }
 };
 
 /// What a group's data say about its body, about P.

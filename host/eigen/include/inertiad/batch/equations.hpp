@@ -88,11 +88,10 @@ private:
     std::array<int64_t, IPE_CABLES_MAX> last_ns_{};
 };
 
-/// The tensions nearest to a window's that pull as its residual [6] says they should.
-inline SmoothWindow reproducing(const Eigen::MatrixXd& W, const Column6& residual, SmoothWindow a)
+/// A window's tensions become the nearest ones that pull as its residual [6] says they should.
+inline void reproduce(const Eigen::MatrixXd& W, const Column6& residual, ipe_average_t& a)
 {
-    Eigen::Map<Eigen::VectorXd>(a.average.f, W.cols()) -= W.completeOrthogonalDecomposition().solve(residual);
-    return a;
+    Eigen::Map<Eigen::VectorXd>(a.f, W.cols()) -= W.completeOrthogonalDecomposition().solve(residual);
 }
 
 }  // namespace inertiad::detail

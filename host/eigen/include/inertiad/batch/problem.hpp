@@ -29,12 +29,16 @@ constexpr double LEAST_TOLD =
     0.1;  // of a prior's variance: a sigma of the data beyond three of the prior's says little
 constexpr double SPREAD_SURE =
     2.0;  // times the stated spread of gains: four sensors exceed it by chance once in 135 robots
+constexpr double LOW_PASS_TOLD = 3.0;  // sigmas: chosen so that of 370 robots without a low-pass one seems to have one
+constexpr double BEND_OF_NOISE = 6.0 - (8.0 * 1191.0 - 2.0 * 120.0) / 2416.0;  // variance of the second difference of white
+                                      // noise over that of one window, B-splines a quarter of their length apart
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
 /// the equations.
 struct Problem {
-    Problem(const Config& config_, const std::vector<BatchRun>& runs_, const BatchSettings& settings_)
+    Problem(const Config& config_, const std::vector<BatchRun>& runs_, const BatchSettings& settings_,
+            bool is_low_pass_free)
         : config(config_), runs(runs_), settings(settings_), n_groups(static_cast<int>(settings.payload.size()))
     {
         const int n_xi = ipe_systematic_count(config.n_cables());
@@ -42,7 +46,7 @@ struct Problem {
         ipe_systematic_std(&config.c(), std_xi.data());
         std_xi.conservativeResize(n_xi);
         for (int i = 0; i < n_xi; ++i) {
-            const bool is_wanted = settings.is_free.empty() || settings.is_free[static_cast<std::size_t>(i)];
+            const bool is_wanted = settings.is_wanted(i) && (is_low_pass_free || i != IPE_XI_FORCE_LOWPASS);
             if (is_wanted && std_xi[i] > 0.0) { free.push_back(i); }
         }
         at_geometry = IPE_NP * n_groups + static_cast<int>(free.size());
@@ -116,6 +120,9 @@ struct Problem {
         found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
         RestoredForces restored(corrected.c());
         const std::vector<SmoothWindow> smooth = smoothed(of.derived, run.window);
+        std::vector<SmoothWindow> at = smooth;
+        std::vector<Eigen::MatrixXd> W(run.window.size());
+        std::vector<Column6> residual(run.window.size(), Column6::Zero());
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             const ipe_average_t& a = run.window[k];
             auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
@@ -128,25 +135,87 @@ struct Problem {
                 block.col(n) = y - regressor(a) * x;
                 continue;
             }
-            const Eigen::MatrixXd W = wrench_matrix(corrected.c(), a);
-            if (n_geometry > 0) { y += geometry_columns(W, a) * geometry; }
+            W[k] = wrench_matrix(corrected.c(), a);
+            if (n_geometry > 0) { y += geometry_columns(W[k], a) * geometry; }
             y += linear_part(corrected, of.derived, smooth[k], x);
-            SmoothWindow with_forces = smooth[k];
-            found.by_unknown.back() = restored.restore(y - regressor(a) * x, with_forces, y);
+            found.by_unknown.back() = restored.restore(y - regressor(a) * x, at[k], y);
             block.col(n) = y - regressor(a) * x;
             const Regressor Y = regressor(smooth[k].average);
             block.middleCols<IPE_NP>(IPE_NP * of.group) = Y;
-            const SmoothWindow at = reproducing(W, y - Y * x, with_forces);
-            const SystematicColumns X = systematic_columns(corrected, of.derived, at, x);
-            const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&a.R[0][0]);
-            found.by_drift.back() << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
+            residual[k] = y - Y * x;
+        }
+        if (free.empty()) { return found; }
+        const Column6 share =
+            bent_by == BentBy::BOTH ? share_of_motion(at, of.derived, x, residual)
+                                    : Column6::Constant(bent_by == BentBy::TENSIONS ? 1.0 : 0.0);
+        bend_tensions(W, residual, share, at);
+        for (std::size_t k = 0; k < run.window.size(); ++k) { reproduce(W[k], residual[k], at[k].average); }
+        add_columns(run, of, corrected, W, at, found);
+        return found;
+    }
+
+    /// How the tensions of windows bend, for the low-pass's column. Of measured tensions it has their noise, of tensions that
+    /// the motion asks for that of the motion sensors, and the residual [6] has both. Tensions in between, by the motion's
+    /// share [6] of the residual's noise, have none in common with it.
+    enum class BentBy { BOTH, TENSIONS, MOTION };
+    static void bend_tensions(const std::vector<Eigen::MatrixXd>& W, const std::vector<Column6>& residual,
+                              const Column6& share, std::vector<SmoothWindow>& window)
+    {
+        std::vector<Eigen::VectorXd> f;
+        for (std::size_t k = 0; k < window.size(); ++k) {
+            ipe_average_t between = window[k].average;
+            reproduce(W[k], (1.0 - share.array()).matrix().cwiseProduct(residual[k]), between);
+            f.emplace_back(Eigen::Map<const Eigen::VectorXd>(between.f, W[k].cols()));
+        }
+        set_force_curvature(f, window);
+    }
+
+    /// Share of the noise of the motion sensors in that of the residuals, whose quick changes are noise.
+    static Column6 share_of_motion(const std::vector<SmoothWindow>& window, Derived derived, const Theta& x,
+                                   const std::vector<Column6>& residual)
+    {
+        Column6 of_motion = Column6::Zero(), of_all = Column6::Constant(1e-300);
+        for (std::size_t k = 1; k + 1 < window.size(); ++k) {
+            const ipe_average_t &before = window[k - 1].average, &after = window[k + 1].average;
+            if (1e-9 * static_cast<double>(after.t_ns - before.t_ns) >= 2.5 * 0.25 * after.length) { continue; }
+            of_all += (residual[k + 1] - 2.0 * residual[k] + residual[k - 1]).cwiseAbs2() / BEND_OF_NOISE;
+            of_motion += noise_of_motion(window[k].average, derived, x);
+        }
+        return of_motion.cwiseQuotient(of_all).cwiseMin(1.0);
+    }
+
+    /// Variance [6] of a window's Y theta by white noise of accelerometer and gyro.
+    static Column6 noise_of_motion(const ipe_average_t& a, Derived derived, const Theta& x)
+    {
+        Column6 sum = Column6::Zero();
+        const double still[6] = {0.0};
+        for (int i = 0; i < 3; ++i) {
+            const Vector3 unit = Vector3::Unit(i), none = Vector3::Zero();
+            Regressor of_s, of_alpha;
+            ipe_regressor(unit.data(), still, none.data(), as_array(of_s));
+            ipe_regressor(none.data(), still, unit.data(), as_array(of_alpha));
+            if (!derived.force) { sum += a.s_variance[i] * Column6(of_s * x).cwiseAbs2(); }
+            if (!derived.rate) { sum += a.alpha_variance[i] * Column6(of_alpha * x).cwiseAbs2(); }
+        }
+        return sum;
+    }
+
+    /// Columns of the free xi and of the attachments, at windows whose tensions the model makes.
+    void add_columns(const RunWindows& run, const BatchRun& of, const Config& corrected,
+                     const std::vector<Eigen::MatrixXd>& W, const std::vector<SmoothWindow>& at, Equations& found) const
+    {
+        for (std::size_t k = 0; k < run.window.size(); ++k) {
+            auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+            const SystematicColumns X =
+                systematic_columns(corrected, of.derived, at[k], theta[static_cast<std::size_t>(of.group)]);
+            const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&run.window[k].R[0][0]);
+            found.by_drift[k] << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
                 -X.middleCols(IPE_XI_FORCE, config.n_cables());
-            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W, at.average); }
+            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W[k], at[k].average); }
             for (std::size_t i = 0; i < free.size(); ++i) {
                 block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
             }
         }
-        return found;
     }
 
     /// V of a run from its residuals, wander taken out of them by what V was so far; how correlated they are goes to of.
@@ -529,6 +598,37 @@ struct Problem {
         return found;
     }
 
+    /// A low-pass of the forces seen from where a problem without one has ended, whose columns this problem has and one more.
+    struct LowPass {
+        bool is_told;
+        Eigen::VectorXd effect;  ///< on the other unknowns, of one sigma of it
+    };
+
+    /// Measured tensions in the low-pass's column make it too low, tensions that the motion asks for too high, as each have
+    /// noise in common with the residual: it is told where both say much the same, some sigmas from none.
+    LowPass low_pass(const Problem& without)
+    {
+        theta = without.theta, xi = without.xi, geometry = without.geometry;
+        V = without.V, is_weight_known = without.is_weight_known;
+        const Eigen::Index at = place(IPE_XI_FORCE_LOWPASS);
+        LowPass found;
+        const auto sigmas = [&](BentBy by) {
+            bent_by = by;
+            const Triangle here = weighted(pass());
+            const Eigen::MatrixXd covariance = here.covariance();
+            const double std = std::sqrt(covariance(at, at));
+            found.effect = scale.cwiseProduct(covariance.col(at)) / std;
+            return here.solve(0.0)[at] / std;
+        };
+        const double by_tensions = sigmas(BentBy::TENSIONS), by_motion = sigmas(BentBy::MOTION);
+        found.is_told =
+            by_tensions * by_motion > 0.0 && std::min(std::abs(by_tensions), std::abs(by_motion)) > LOW_PASS_TOLD;
+        const Eigen::VectorXd behind = found.effect.tail(n - at - 1);
+        found.effect.conservativeResize(n - 1);
+        found.effect.tail(n - at - 1) = behind;
+        return found;
+    }
+
     /// Where the unknowns are.
     struct Point {
         std::vector<Theta> theta;
@@ -585,6 +685,7 @@ struct Problem {
         geometry += dz.tail(n_geometry);
     }
 
+    BentBy bent_by = BentBy::BOTH;  ///< what the low-pass's column is made of
     const Config& config;
     const std::vector<BatchRun>& runs;
     const BatchSettings& settings;
