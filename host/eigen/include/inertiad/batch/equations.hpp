@@ -21,6 +21,8 @@ struct Equations {
     Eigen::MatrixXd rows;
     std::vector<Eigen::MatrixXd> by_drift;
     std::vector<Eigen::MatrixXd> by_unknown;  ///< [6][n] of each window's n failed force sensors
+    std::vector<SmoothWindow> at;             ///< windows whose tensions the model makes; none if no xi is free
+    std::vector<Eigen::MatrixXd> W;           ///< [6][m] of each
 
     Column6 residual(std::size_t k) const
     {

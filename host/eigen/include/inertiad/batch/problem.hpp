@@ -6,6 +6,7 @@
 #include "equations.hpp"
 #include "long_run.hpp"
 #include "triangle.hpp"
+#include "window_noise.hpp"
 
 extern "C" {
 #include "eiv_correction.h"
@@ -30,8 +31,9 @@ constexpr double LEAST_TOLD =
 constexpr double SPREAD_SURE =
     2.0;  // times the stated spread of gains: four sensors exceed it by chance once in 135 robots
 constexpr double LOW_PASS_TOLD = 3.0;  // sigmas: chosen so that of 370 robots without a low-pass one seems to have one
-constexpr double BEND_OF_NOISE = 6.0 - (8.0 * 1191.0 - 2.0 * 120.0) / 2416.0;  // variance of the second difference of white
-                                      // noise over that of one window, B-splines a quarter of their length apart
+constexpr double BEND_OF_NOISE =
+    6.0 - (8.0 * 1191.0 - 2.0 * 120.0) / 2416.0;  // variance of the second difference of white
+// noise over that of one window, B-splines a quarter of their length apart
 constexpr double GYRO_FLOOR = 1e-6;  // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
@@ -120,8 +122,10 @@ struct Problem {
         found.rows = Eigen::MatrixXd::Zero(6 * static_cast<Eigen::Index>(run.window.size()), n + 1);
         RestoredForces restored(corrected.c());
         const std::vector<SmoothWindow> smooth = smoothed(of.derived, run.window);
-        std::vector<SmoothWindow> at = smooth;
-        std::vector<Eigen::MatrixXd> W(run.window.size());
+        if (!free.empty()) { found.at = smooth; }
+        std::vector<SmoothWindow>& at = found.at;
+        std::vector<Eigen::MatrixXd>& W = found.W;
+        W.resize(run.window.size());
         std::vector<Column6> residual(run.window.size(), Column6::Zero());
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             const ipe_average_t& a = run.window[k];
@@ -145,12 +149,11 @@ struct Problem {
             residual[k] = y - Y * x;
         }
         if (free.empty()) { return found; }
-        const Column6 share =
-            bent_by == BentBy::BOTH ? share_of_motion(at, of.derived, x, residual)
-                                    : Column6::Constant(bent_by == BentBy::TENSIONS ? 1.0 : 0.0);
+        const Column6 share = bent_by == BentBy::BOTH ? share_of_motion(at, of.derived, x, residual)
+                                                      : Column6::Constant(bent_by == BentBy::TENSIONS ? 1.0 : 0.0);
         bend_tensions(W, residual, share, at);
         for (std::size_t k = 0; k < run.window.size(); ++k) { reproduce(W[k], residual[k], at[k].average); }
-        add_columns(run, of, corrected, W, at, found);
+        add_columns(run, of, corrected, found);
         return found;
     }
 
@@ -200,22 +203,28 @@ struct Problem {
         return sum;
     }
 
-    /// Columns of the free xi and of the attachments, at windows whose tensions the model makes.
-    void add_columns(const RunWindows& run, const BatchRun& of, const Config& corrected,
-                     const std::vector<Eigen::MatrixXd>& W, const std::vector<SmoothWindow>& at, Equations& found) const
+    /// Columns of the free xi and of the attachments, and what drift does.
+    void add_columns(const RunWindows& run, const BatchRun& of, const Config& corrected, Equations& found) const
     {
+        const Theta& x = theta[static_cast<std::size_t>(of.group)];
         for (std::size_t k = 0; k < run.window.size(); ++k) {
             auto block = found.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
-            const SystematicColumns X =
-                systematic_columns(corrected, of.derived, at[k], theta[static_cast<std::size_t>(of.group)]);
+            const SystematicColumns X = systematic_columns(corrected, of.derived, found.at[k], x);
             const Eigen::Matrix3d R = Eigen::Map<const Matrix3>(&run.window[k].R[0][0]);
             found.by_drift[k] << -X.middleCols<3>(IPE_XI_ATTITUDE) * R.transpose(),  // wander about W's axes
                 -X.middleCols(IPE_XI_FORCE, config.n_cables());
-            if (n_geometry > 0) { block.middleCols(at_geometry, n_geometry) = -geometry_columns(W[k], at[k].average); }
-            for (std::size_t i = 0; i < free.size(); ++i) {
-                block.col(IPE_NP * n_groups + static_cast<Eigen::Index>(i)) = -X.col(free[i]);
-            }
+            block.middleCols(IPE_NP * n_groups, n - IPE_NP * n_groups) =
+                shared_columns(X, found.W[k], found.at[k].average);
         }
+    }
+
+    /// Columns [6][] of what all groups share: the free xi, from X, and the attachments.
+    Eigen::MatrixXd shared_columns(const SystematicColumns& X, const Eigen::MatrixXd& W, const ipe_average_t& a) const
+    {
+        Eigen::MatrixXd found(6, n - IPE_NP * n_groups);
+        for (std::size_t i = 0; i < free.size(); ++i) { found.col(static_cast<Eigen::Index>(i)) = -X.col(free[i]); }
+        if (n_geometry > 0) { found.rightCols(n_geometry) = -geometry_columns(W, a); }
+        return found;
     }
 
     /// V of a run from its residuals, wander taken out of them by what V was so far; how correlated they are goes to of.
@@ -242,9 +251,8 @@ struct Problem {
         return run_covariance(config, sum, run.window.size(), explained);
     }
 
-    /// The run's rows as independent ones of unit variance. factor: lower ones of the windows' covariances, if wanted.
-    Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C,
-                             std::vector<Square6>* factor = nullptr) const
+    /// The run's rows as independent ones of unit variance.
+    Eigen::MatrixXd whitened(const RunWindows& run, Equations measured, const Square6& C) const
     {
         Drift drift(config.c(), !free.empty(), is_weight_known, n + 1);
         for (std::size_t k = 0; k < run.window.size(); ++k) {
@@ -253,7 +261,6 @@ struct Problem {
                 drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], C, block);
             const Square6 L = Square6(spread.drift + spread.noise).llt().matrixL();
             block = L.triangularView<Eigen::Lower>().solve(block.eval());
-            if (factor != nullptr) { factor->push_back(L); }
         }
         return scaled(measured.rows);
     }
@@ -544,21 +551,80 @@ struct Problem {
         return all.segment<6>(6 * static_cast<Eigen::Index>(r));
     }
 
-    /// Information about theta that noise in a run's regressors pretends (eiv_correction.h), under the factors of the windows'
-    /// covariances.
-    static Covariance pretended(const RunWindows& run, Derived derived, const Theta& x,
-                                const std::vector<Square6>& factor)
+    /// Information about a group's theta that noise in a run's regressors pretends (eiv_correction.h). Such noise, drawn, goes
+    /// the way that the equations go: the other unknowns take their part of it (where the IMU is takes most of what the noise
+    /// of the angular acceleration says of the CoG), and so does drift.
+    Covariance pretended(const RunWindows& run, const Equations& measured, std::size_t r, const Config& corrected) const
     {
+        constexpr Eigen::Index ALL = IPE_NOISE_DENSITY_CHANNELS * IPE_NP;
+        const Theta& x = theta[static_cast<std::size_t>(runs[r].group)];
+        const Eigen::MatrixXd taken = taken_by_others(runs[r].group);
+        Drift drift(config.c(), !free.empty(), is_weight_known, ALL + 1);
         Covariance C = Covariance::Zero();
+        WindowNoise noise;
         for (std::size_t k = 0; k < run.window.size(); ++k) {
-            ipe_eiv_correction_t of = {};
-            ipe_eiv_correction_add(&of, &run.window[k], 1.0);
-            if (derived.force) { std::fill_n(of.sum, 3, 0.0F); }  // smoothed in Y instead
-            if (derived.rate) { std::fill_n(of.sum + 3, 3, 0.0F); }
-            Matrix6 L = factor[k];
-            ipe_eiv_correction_information(&of, as_array(L), 1.0, x.data(), as_array(C));
+            const std::array<Regressor, IPE_NOISE_DENSITY_CHANNELS> by = by_noise(run.window[k], runs[r].derived);
+            Eigen::MatrixXd rows(6, ALL + 1);
+            const auto draw = noise.next();
+            for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) {
+                const auto at = static_cast<std::size_t>(i);
+                Regressor left = by[at];
+                if (!by[at].isZero()) { left += columns_by_noise(measured, k, runs[r], corrected, i, by[at]) * taken; }
+                rows.middleCols<IPE_NP>(IPE_NP * i) = draw[at] * left;
+            }
+            rows.col(ALL) = measured.residual(k);
+            const Drift::Spread spread =
+                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V[r], rows);
+            const Eigen::LLT<Square6> L(Square6(spread.drift + spread.noise));
+            L.matrixL().solveInPlace(rows);
+            for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) {
+                const Column6 residual = L.matrixL().solve(Column6(by[static_cast<std::size_t>(i)] * x));
+                const auto of_channel = rows.middleCols<IPE_NP>(IPE_NP * i);
+                C += of_channel.transpose() * of_channel / std::max(1.0, residual.squaredNorm());
+            }
         }
         return C;
+    }
+
+    /// What a change of theta of a group moves the unknowns that all groups share by [][10].
+    Eigen::MatrixXd taken_by_others(int group) const
+    {
+        const Eigen::Index at = IPE_NP * group, first = IPE_NP * n_groups;
+        const Eigen::MatrixXd with = P.block(at, first, IPE_NP, n - first);
+        return P.block<IPE_NP, IPE_NP>(at, at).ldlt().solve(with).transpose();
+    }
+
+    /// Y of a window by one sigma of white noise of each channel of accelerometer and gyro; 0 where it is smoothed instead.
+    static std::array<Regressor, IPE_NOISE_DENSITY_CHANNELS> by_noise(const ipe_average_t& a, Derived derived)
+    {
+        std::array<Regressor, IPE_NOISE_DENSITY_CHANNELS> found;
+        for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) {
+            const double still[6] = {0.0};
+            Eigen::Matrix<double, 6, 1> std = Eigen::Matrix<double, 6, 1>::Zero();
+            if (i < 3 && !derived.force) { std[i] = std::sqrt(a.s_variance[i]); }
+            if (i >= 3 && !derived.rate) { std[i] = std::sqrt(a.alpha_variance[i - 3]); }
+            ipe_regressor(std.data(), still, std.data() + 3, as_array(found[static_cast<std::size_t>(i)]));
+        }
+        return found;
+    }
+
+    /// shared_columns() of window k by one sigma of the same noise of channel i, which makes dY of Y: the tensions that the
+    /// model makes have it, too.
+    Eigen::MatrixXd columns_by_noise(const Equations& measured, std::size_t k, const BatchRun& of,
+                                     const Config& corrected, int i, const Regressor& dY) const
+    {
+        const Theta& x = theta[static_cast<std::size_t>(of.group)];
+        const SmoothWindow& at = measured.at[k];
+        SmoothWindow noisy = at;
+        ipe_average_t& a = noisy.average;
+        if (i < 3) {
+            a.s[i] += std::sqrt(a.s_variance[i]);
+        } else {
+            a.alpha[i - 3] += std::sqrt(a.alpha_variance[i - 3]);
+        }
+        reproduce(measured.W[k], -dY * x, a);
+        return shared_columns(systematic_columns(corrected, of.derived, noisy, x), measured.W[k], a) -
+               shared_columns(systematic_columns(corrected, of.derived, at, x), measured.W[k], at.average);
     }
 
     BatchFit fit_of(const RunWindows& run, std::size_t r, const Equations& measured) const
@@ -646,11 +712,10 @@ struct Problem {
         spurious.clear();
         for (std::size_t r = 0; r < runs.size(); ++r) {
             const auto means = p.means[r].leftCols(n);
-            std::vector<Square6> factor;
             H_prior += means.transpose() * means;
-            if (!p.run[r].window.empty()) { cut(p.run[r], r, whitened(p.run[r], p.measured[r], V[r], &factor), block); }
-            const Theta& x = theta[static_cast<std::size_t>(runs[r].group)];
-            spurious.push_back(pretended(p.run[r], runs[r].derived, x, factor));
+            if (!p.run[r].window.empty()) { cut(p.run[r], r, whitened(p.run[r], p.measured[r], V[r]), block); }
+            spurious.push_back(free.empty() ? Covariance::Zero().eval()
+                                            : pretended(p.run[r], p.measured[r], r, calibrated(config, xi)));
         }
     }
 
