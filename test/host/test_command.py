@@ -190,6 +190,9 @@ def test_tare_at_rest_finds_the_bias_and_survives_a_restart(resting, tmp_path):
         (["configure", "nowhere.cfg"], "nowhere.cfg: No such file or directory"),
         (["mark", "x" * 201], "command mark: allowed: one line of at most 200 bytes"),
         (["freeze", "--lcm", "nonsense://"], "--lcm nonsense://: cannot open"),
+        (["expect", "-5@2@0,0,0", "--lcm", "memq://", "--wait", "0.1"], "no answer on INERTIAD_EVENT within 0.1 s"),
+        (["expect", "--lcm", "memq://", "--wait", "0.1", "--", "-5@2@0,0,0"], "no answer on INERTIAD_EVENT"),
+        (["expect", "-5"], "No such option: -5"),
         (["freeze", "--lcm", "memq://", "--wait", "0.1"], "no answer on INERTIAD_EVENT within 0.1 s"),
     ],
 )
@@ -255,9 +258,11 @@ def test_client_prints_the_answer_and_exits_by_it(moving):
 sleep 1
 {sys.executable} -m inertiad command freeze; echo $?
 {sys.executable} -m inertiad command tare; echo $?
+{sys.executable} -m inertiad command expect -5@2@0,0,0; echo $?
 kill $!; wait $!
 """
     result = subprocess.run([*ISOLATED, "sh", "-c", script], capture_output=True, text=True, timeout=60, cwd=TOP)
     lines = result.stdout.splitlines()
     assert lines[0].startswith("freeze done: ") and lines[1] == "0", result.stderr
     assert lines[2].startswith("tare refused: ") and lines[3] == "1"
+    assert lines[4].startswith("expect done: -5 +- 0.1 kg in ") and lines[5] == "0"
