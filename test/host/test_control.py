@@ -215,6 +215,19 @@ def test_kill_that_kills_nothing_is_refused(kill, arms, said, tmp_path):
         request.request_of(ROBOT, words(tmp_path, kill=kill, arms=arms))
 
 
+@pytest.mark.parametrize(
+    ("announce", "changed", "said"),
+    [
+        (("payload",), {"payload": ()}, "--announce payload: there is none; pass --payload as well"),
+        (("40@10",), {}, '--announce "40@10": allowed: 0 to 10, s'),
+        (("payload",), {"arms": "nominal,oracle"}, "--announce: no arm has a daemon; add live to --arms"),
+    ],
+)
+def test_announcement_that_nobody_hears_is_refused(announce, changed, said, tmp_path):
+    with pytest.raises(InputError, match=said):
+        request.request_of(ROBOT, words(tmp_path, announce=announce, **changed))
+
+
 # ---- measuring and judging, without a motion -------------------------------------------------------------------------
 
 

@@ -50,10 +50,22 @@ def _check_kill(kill: float | None, arms: tuple[str, ...], duration: float) -> N
         raise InputError("--kill: no arm has a daemon; add live to --arms")
 
 
-def _announced(words: tuple[str, ...], run: Run) -> tuple[Payload, ...]:
+def _announced(words: tuple[str, ...], arms: tuple[str, ...], run: Run) -> tuple[Payload, ...]:
+    """InputError: the daemon would never hear of one."""
+    if not words:
+        return ()
+    if "live" not in arms:
+        raise InputError("--announce: no arm has a daemon; add live to --arms")
     if words == (AS_IT_IS,):
+        if not run.payloads:
+            raise InputError(f"--announce {AS_IT_IS}: there is none; pass --payload as well, or --announce KG@S")
         return run.payloads
-    return tuple(payload.parse(item, run.body, "--announce") for item in words)
+    found = tuple(payload.parse(item, run.body, "--announce") for item in words)
+    end = run.trajectory.duration
+    for item, one in zip(words, found, strict=True):
+        if one.time >= end:
+            raise InputError(f'--announce "{item}": allowed: 0 to {end:g}, s: the motion\'s duration')
+    return found
 
 
 def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[str]]:
@@ -83,5 +95,5 @@ def request_of(robot_file: Path, arguments: Arguments) -> tuple[Request, list[st
         tuple(range(arguments.seeds)),
         arguments.is_pose_measured,
         np.inf if arguments.kill is None else arguments.kill,
-        _announced(arguments.announce, run),
+        _announced(arguments.announce, arms, run),
     ), remarks
