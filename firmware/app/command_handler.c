@@ -141,7 +141,9 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     if (ipe_command_expectation(command, &expected) != 0) {
         return answer(false, "its content is no expectation_t of this version");
     }
-    if (d->pipeline->announcement != NULL && d->pipeline->announcement->state == IPE_ANNOUNCEMENT_CONTACT) {
+    const ipe_announcement_t* before = d->pipeline->announcement;
+    const bool replaces = before != NULL && before->state == IPE_ANNOUNCEMENT_WAITS;
+    if (before != NULL && before->state == IPE_ANNOUNCEMENT_CONTACT) {
         return answer(false, "the payload announced before is coming into contact");
     }
     const int64_t now_ns = daemon_now(d);
@@ -159,7 +161,8 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     order_expectation(d, &expected);
     ipe_pipeline_expect(d->pipeline, &d->announcement);
     d->announcement_reported = d->announcement.state;
-    return answer(true, "%.4g +- %.2g kg in %.3f s", expected.number[0], expected.number[1], ahead);
+    return answer(true, "%.4g +- %.2g kg in %.3f s%s", expected.number[0], expected.number[1], ahead,
+                  replaces ? "; replaces the payload announced before" : "");
 }
 
 /// True if text is UTF-8 without control characters: it goes to terminals and into the record.

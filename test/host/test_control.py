@@ -220,6 +220,8 @@ def test_kill_that_kills_nothing_is_refused(kill, arms, said, tmp_path):
     [
         (("payload",), {"payload": ()}, "--announce payload: there is none; pass --payload as well"),
         (("40@10",), {}, '--announce "40@10": allowed: 0 to 10, s'),
+        (("40@5", "20@3.5"), {}, "--announce: payloads at 3.5 and 5 s: allowed: 2 s apart or more"),
+        (("payload",), {"payload": ("9@5", "9@6.9")}, "payloads at 5 and 6.9 s: allowed: 2 s apart"),
         (("payload",), {"arms": "nominal,oracle"}, "--announce: no arm has a daemon; add live to --arms"),
     ],
 )

@@ -108,6 +108,8 @@ def test_payload_is_expected_from_a_second_past_to_ten_minutes_ahead(config: Pat
     daemon.kill()
     assert [e.kind for e in got] == [event_t.REFUSED, event_t.REFUSED, event_t.DONE, event_t.DONE]
     assert got[0].text == "expect refused: t_ns: -1.100 s from now; allowed: -1 to 600 s"
+    assert got[2].text == "expect done: 20 +- 0.4 kg in -0.900 s"
+    assert got[3].text == "expect done: 20 +- 0.4 kg in 599.900 s; replaces the payload announced before"
 
 
 def announcement(sequence: int, t: float, ahead: float) -> str:
