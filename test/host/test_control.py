@@ -270,6 +270,7 @@ def test_a_second_payload_is_no_late_error(run):
     again = replace(run.payloads[0], time=6.0)
     found = outcome(replace(run, payloads=(*run.payloads, again)), "live").phases
     assert found["transient"].rms_mm == pytest.approx(2.0) and found["late"].rms_mm == pytest.approx(3.0)
+    assert experiment.HEAD[4] == "transient rms"  # from the first contact to 3 s after the last
 
 
 def test_motion_that_ends_in_the_transient_has_no_late_error(run, tmp_path):
@@ -302,7 +303,7 @@ def test_commands_that_are_cut_off_stop(run):
     assert (verdict.severity, finding.name) == ("stop", "cut_off")
     assert "2 of 1000 commands are cut off" in finding.says and "oracle" in finding.says
     assert "the first at t = 6.50 s" in finding.says
-    assert [row[-1] for row in experiment.rows(outcomes)] == ["0", "2"] and experiment.head(outcomes)[-1] == "cut off"
+    assert [row[-1] for row in experiment.rows(outcomes)] == ["0", "2"] and experiment.HEAD[-1] == "cut off"
 
 
 def test_platform_that_is_far_away_stops(run):
@@ -313,7 +314,7 @@ def test_platform_that_is_far_away_stops(run):
 def test_hand_over_that_is_not_measured_has_an_empty_cell(run):
     outcomes = [outcome(run, arm) for arm in ("adaptive", "nominal")]
     adaptive, nominal = experiment.rows(outcomes)
-    at = experiment.head(outcomes).index("hand-over")
+    at = experiment.HEAD.index("hand-over")
     assert (adaptive[at], nominal[at]) == ("", "0.00 %")
 
 
