@@ -152,6 +152,17 @@ def test_run_folder_gives_its_robot(tmp_path, model):
     assert "8 tensions" in said
 
 
+def test_values_at_the_start_are_those_of_the_description(model, tmp_path):
+    from fmpy import extract, instantiate_fmu, read_model_description
+
+    described = read_model_description(str(model))
+    instance = instantiate_fmu(extract(str(model), str(tmp_path)), described, fmi_type="CoSimulation")
+    for variable in (v for v in described.modelVariables if v.causality == "input"):
+        start = [float(x) for x in variable.start.split()]
+        assert instance.getFloat64([variable.valueReference], nValues=len(start)) == pytest.approx(start), variable.name
+    instance.freeInstance()
+
+
 def four_cables(folder: Path) -> bytes:
     path = folder / "robot.toml"
     path.write_text(minimal_toml(4))

@@ -19,7 +19,7 @@ from inertiad.robot import configuration, description
 from inertiad_lcm import robot_config_t
 
 TOKEN: Final = "inertiad-feed-forward-1"  # noqa: S105  (no secret)
-"""of the model: FMU_TOKEN of tools/fmu.mk"""
+"""of the model, raised with every change of its variables; tools/fmu.mk builds it in"""
 CRC_BYTES: Final = 4
 """that end robot.cfg"""
 MODEL: Final = "inertiad_feed_forward"
