@@ -22,7 +22,6 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory) -> Path:
-    subprocess.run(["make", "--no-print-directory", "fmu"], cwd=TOP, check=True, capture_output=True)
     path = tmp_path_factory.mktemp("fmu") / "robot.fmu"
     command = [sys.executable, "-m", "inertiad", "export", ROBOT, "--to", "fmu", "-o", path]
     done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, timeout=60)
