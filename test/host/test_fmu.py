@@ -117,11 +117,12 @@ def test_simulation_by_fmpy_takes_parameters_while_it_runs(model):
     assert force[-1] == pytest.approx(2.0 * force[2])
 
 
-def test_library_that_is_not_built_is_named(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("is_installed", "remedy"), [(False, "run make fmu"), (True, "install inertiad again")])
+def test_library_that_is_not_there_is_named(tmp_path, monkeypatch, is_installed, remedy):
     from inertiad.base import installation
 
-    monkeypatch.setattr(installation, "SOURCE_TREE", tmp_path)
-    with pytest.raises(InputError, match="run make fmu"):
+    monkeypatch.setattr(installation, "SOURCE_TREE", None if is_installed else tmp_path)
+    with pytest.raises(InputError, match=remedy):
         fmu.write(ROBOT, tmp_path / "x.fmu")
     assert not (tmp_path / "x.fmu").exists()
 
