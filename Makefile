@@ -156,7 +156,7 @@ test-laws: .venv/test.stamp build unit-programs
 	@$(PY) tools/test laws
 
 ## Test the Python package, the C++ layer and the programs end to end (pytest)
-test-host: .venv/test.stamp .venv/docs.stamp build accept-programs
+test-host: .venv/test.stamp .venv/docs.stamp build accept-programs fmu
 	@$(PY) tools/test host
 
 ## Test the daemon on vcan, on two emulated controllers and on a serial adapter, in a guest kernel

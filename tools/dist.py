@@ -109,9 +109,10 @@ def pure_wheel() -> Path:
 
 
 def bindings() -> dict[str, Path]:
-    """Files beside the package, by their name in site-packages."""
+    """Compiled files and message types beside the package or in it, by their name in site-packages."""
     suffix = sysconfig.get_config_var("EXT_SUFFIX")
     found = {f"{path.stem}{suffix}": path for path in sorted((RELEASE / "python").glob("*.so"))}
+    found["inertiad/lib/inertiad_feed_forward.so"] = TOP / "build/lib/inertiad_feed_forward.so"
     types = sorted((TOP / "build/python/inertiad_lcm").glob("*.py"))
     return found | {f"inertiad_lcm/{path.name}": path for path in types}
 

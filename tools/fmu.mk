@@ -4,7 +4,8 @@
 
 FMI_H = $(SITE)/fmpy/c-code
 FMU_GEN := build/fmu/gen/stamp
-FMU_TOKEN := inertiad-feed-forward-1# raised with every change of the model's variables
+FMU_PY := host/inertiad/inertiad/exchange/fmu.py
+FMU_TOKEN = $(or $(shell sed -n 's/^TOKEN.*= "\(.*\)".*/\1/p' $(FMU_PY)),$(error $(FMU_PY) has no TOKEN))
 
 .PHONY: fmu
 ## Build the model that `inertiactl export --to fmu` packs: build/lib/inertiad_feed_forward.so
@@ -17,7 +18,7 @@ $(FMU_GEN): $(wildcard lcm_types/*_config_t.lcm) | .venv/run.stamp
 	$(Q)$(SITE)/bin/lcm-gen -c --c-no-pubsub --c-cpath $(@D) --c-hpath $(@D) $^ && \
 	    cd $(@D) && $(CC) $(CFLAGS:-I%=-I$(CURDIR)/%) -w -I. -isystem $(CURDIR)/$(SITE)/include -c *.c && touch stamp
 
-build/lib/inertiad_feed_forward.so: host/fmi/feed_forward.cpp $(FMU_GEN) $(B)/lib/libinertiad_core.a \
+build/lib/inertiad_feed_forward.so: host/fmi/feed_forward.cpp $(FMU_PY) $(FMU_GEN) $(B)/lib/libinertiad_core.a \
     $(B)/obj/firmware/io/config_file.o $(B)/obj/firmware/io/crc.o $(wildcard host/eigen/include/inertiad/*.hpp) | .venv/fmu.stamp
 	@mkdir -p $(@D)
 	$(call say,c++ $<)$(CXX) $(CXXFLAGS) -fvisibility=hidden -DINERTIAD_FMU_TOKEN='"$(FMU_TOKEN)"' -isystem $(FMI_H) \

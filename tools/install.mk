@@ -64,7 +64,7 @@ $(R)/man/stamp: $(PROGRAMS) $(BINDING) tools/man.py $(wildcard host/inertiad/ine
 RELEASED := $(R)/prefix/inertiad $(R)/wheel/inertiad $(R)/system/inertiad $(addprefix $(R)/python/,$(HOST_SO)) \
     $(R)/lib/libinertiad.a $(R)/lib/libinertiad_lcm.a $(R)/lib/libinertiad.so.$(SOVERSION) $(R)/lib/libinertiad_lcm.so.$(SOVERSION)
 
-$(R)/tree.stamp: $(addprefix $(R)/python/,$(HOST_SO)) $(GEN) tools/dist.py tools/notice.py LICENSE \
+$(R)/tree.stamp: $(addprefix $(R)/python/,$(HOST_SO)) build/lib/inertiad_feed_forward.so $(GEN) tools/dist.py tools/notice.py LICENSE \
     $(shell find host/inertiad -type f ! -name '*.pyc') | .venv/run.stamp
 	$(call say,host tool with its Python packages)$(PY) tools/dist.py tree $(R)/tree && touch $@
 

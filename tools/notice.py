@@ -39,6 +39,8 @@ COMPILED = (
     "Compiled into the Python binding inertiad_core and inertiad_replay, and used by the C++ headers:",
     "  Eigen (MPL-2.0, https://eigen.tuxfamily.org): its source, unchanged, is at that address",
     "  nanobind {nanobind} (BSD-3-Clause), robin-map {robin} (MIT): texts below",
+    "Compiled into inertiad_feed_forward.so, the model of `inertiactl export --to fmu`:",
+    "  Eigen, as above; lcm_coretypes.h, as above; header files of FMI {fmi} (BSD-2-Clause): text below",
 )
 BUNDLED = """\
 Python packages in inertiad-tools.deb and below PREFIX/lib/inertiad of make install, each with its licence in its
@@ -91,6 +93,15 @@ def _glib_version() -> str:
     return ".".join(str(part.value) for part in parts)
 
 
+def _fmi_header() -> str:
+    """Of the copy in fmpy."""
+    return Path(str(metadata.distribution("fmpy").locate_file("fmpy/c-code/fmi3Functions.h"))).read_text()
+
+
+def _fmi_version() -> str:
+    return re.findall(r"declares the functions of FMI ([\d.]+\d)", _fmi_header())[0]
+
+
 def compiled_in() -> list[Part]:
     """What the bindings and programs contain or load."""
     macros = Path("/usr/include/eigen3/Eigen/src/Core/util/Macros.h").read_text()
@@ -101,6 +112,7 @@ def compiled_in() -> list[Part]:
         Part("eigen", eigen, "MPL-2.0", f"pkg:generic/eigen@{eigen}"),
         Part("nanobind", nanobind, "BSD-3-Clause", f"pkg:pypi/nanobind@{nanobind}"),
         Part("robin-map", robin, "MIT", f"pkg:github/Tessil/robin-map@v{robin}"),
+        Part("fmi-headers", _fmi_version(), "BSD-2-Clause", f"pkg:generic/fmi-headers@{_fmi_version()}"),
         Part("liblcm", lcm, "LGPL-2.1-or-later", f"pkg:github/lcm-proj/lcm@v{lcm}"),
         Part("glib", glib, "LGPL-2.1-or-later", f"pkg:generic/glib@{glib}?download_url={GLIB_SOURCE}"),
     ]
@@ -115,11 +127,15 @@ def _texts() -> Iterator[tuple[str, str]]:
     robin = Path(str(nanobind.locate_file(f"{ROBIN}/robin_map.h"))).read_text()
     comment = robin.split("*/", 1)[0].removeprefix("/**")
     yield "robin-map", "\n".join(line.removeprefix(" *").removeprefix(" ") for line in comment.strip().splitlines())
+    fmi = _fmi_header()
+    yield "header files of FMI", fmi[fmi.index("Copyright (C)") :].split("*/", 1)[0]
 
 
 def text(dependencies: Path) -> str:
     """NOTICE. dependencies: a folder that pip filled with those of a base installation."""
-    compiled = "\n".join(COMPILED).format(nanobind=metadata.version("nanobind"), robin=_robin_version())
+    compiled = "\n".join(COMPILED).format(
+        nanobind=metadata.version("nanobind"), robin=_robin_version(), fmi=_fmi_version()
+    )
     parts = [HEAD.format(source=LCM_SOURCE, glib=GLIB_SOURCE), compiled, "", BUNDLED]
     parts += [f"  {p.name} {p.version}: {p.licence}" for p in python_packages(dependencies)]
     for name, licence in _texts():

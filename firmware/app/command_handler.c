@@ -6,6 +6,7 @@
 #include "health.h"
 #include "message.h"
 
+#include "inertiad_lcm_expectation_t.h"
 #include "inertiad_lcm_order_item_t.h"
 
 #include <assert.h>
@@ -14,8 +15,6 @@
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
-
-#define EXPECT_AHEAD_MAX 600.0  // s: chosen longer than a crane moves towards a load, shorter than a mistaken clock
 
 typedef struct {
     bool is_done;
@@ -142,14 +141,17 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     if (ipe_command_expectation(command, &expected) != 0) {
         return answer(false, "its content is no expectation_t of this version");
     }
-    if (d->pipeline->announcement != NULL && d->pipeline->announcement->state == IPE_ANNOUNCEMENT_CONTACT) {
+    const ipe_announcement_t* before = d->pipeline->announcement;
+    const bool replaces = before != NULL && before->state == IPE_ANNOUNCEMENT_WAITS;
+    if (before != NULL && before->state == IPE_ANNOUNCEMENT_CONTACT) {
         return answer(false, "the payload announced before is coming into contact");
     }
     const int64_t now_ns = daemon_now(d);
     const int64_t sent_ns = d->n_interfaces == 0 ? command->t_ns : now_ns;  // the time of recorded input is another one
     const double ahead = 1e-9 * ((double)expected.t_ns - (double)sent_ns);
-    if (!(ahead >= 0.0 && ahead <= EXPECT_AHEAD_MAX)) {
-        return answer(false, "t_ns: %.3f s from now; allowed: 0 to %.0f s", ahead, EXPECT_AHEAD_MAX);
+    enum { PAST = INERTIAD_LCM_EXPECTATION_T_PAST_MAX, AHEAD = INERTIAD_LCM_EXPECTATION_T_AHEAD_MAX };
+    if (!(ahead >= -PAST && ahead <= AHEAD)) {
+        return answer(false, "t_ns: %.3f s from now; allowed: %d to %d s", ahead, -PAST, AHEAD);
     }
     expected.t_ns += now_ns - sent_ns;
     if (ipe_announcement_init(&d->announcement, &d->pipeline->config, expected.number, expected.t_ns,
@@ -159,7 +161,8 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     order_expectation(d, &expected);
     ipe_pipeline_expect(d->pipeline, &d->announcement);
     d->announcement_reported = d->announcement.state;
-    return answer(true, "%.4g +- %.2g kg in %.3f s", expected.number[0], expected.number[1], ahead);
+    return answer(true, "%.4g +- %.2g kg in %.3f s%s", expected.number[0], expected.number[1], ahead,
+                  replaces ? "; replaces the payload announced before" : "");
 }
 
 /// True if text is UTF-8 without control characters: it goes to terminals and into the record.

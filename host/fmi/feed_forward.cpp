@@ -118,7 +118,7 @@ bool load(Instance& i, const char* resources)
     }
     const ipe_config_t& c = i.config->c();
     if (c.n_cables < 6) {
-        (void)fail(i, "%s: %d cables: tensions need 6 or more", path.c_str(), c.n_cables);
+        (void)fail(i, "%s: %d cables: allowed: 6 or more, fewer cannot give every wrench", path.c_str(), c.n_cables);
         return false;
     }
     std::memcpy(i.in.theta.data(), c.prior_theta, sizeof c.prior_theta);

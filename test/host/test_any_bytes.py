@@ -14,11 +14,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from inertiad.base.error import InputError
-from inertiad.exchange import channels, convert, foreign_import
+from inertiad.exchange import channels, foreign_import
 from inertiad.robot import description
 from inertiad.run import canlog, lcmlog, signals_csv, tracker_csv
+from inertiad_lcm import can_frame_t, raw_t
 
 ROBOT = description.load(COGIRO / "robot.toml")
+RAW = b"INERTIAD_RAW"
 WORDS = (
     *(b"", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\n", b"\r", b'"', b"'", b",", b";", b"=", b"#", b"[", b"]", b"{}"),
     *(b"nan", b"inf", b"-1", b"1e999", b"-0", b"9" * 40, b"0x1", b"true", b"\xed\xa0\x80", b"\x1b[31m", b"[[cable]]\n"),
@@ -53,21 +55,43 @@ def text(n_rows: int, header: str, *columns: str) -> bytes:
     return "\n".join((header, *rows, "")).encode()
 
 
-MAPPING = b'version = 1\n[channels]\nacc_x = { channel = "ax", unit = "g", scale = -1.0, offset = 0.1 }\n'
+MAPPING = b'[channels]\nacc_x = { channel = "ax", unit = "g", scale = -1.0, offset = 0.1 }\n'
 CANDUMP = b"".join(b"(1.%06d) can0 %03X#00112233445566%02X\n" % (100 * k, 16 + k % 8, k) for k in range(40))
 SIGNALS = signals_csv.columns(ROBOT)
+
+
+def lcm_log() -> bytes:
+    """RAW messages as other programs log them, without checksums, so that damaged ones reach the decoder."""
+    log = b""
+    for k in range(20):
+        block = raw_t()
+        for i in range(3):
+            frame = can_frame_t()
+            frame.t_ns, frame.can_id, frame.length, frame.data = (
+                10**9 + 1000 * (3 * k + i),
+                16 + i,
+                8,
+                bytes([k, i] * 4),
+            )
+            block.frame.append(frame)
+        block.n_frames, block.sequence = 3, k
+        data = block.encode()
+        log += lcmlog.HEAD.pack(lcmlog.SYNC, k, 1000 * k, len(RAW), len(data)) + RAW + data
+    return log
+
+
 TEXTS: dict[str, tuple[str, bytes, Callable[[Path], object]]] = {
     "robot": ("robot.toml", (COGIRO / "robot.toml").read_bytes(), description.load),
     "mapping": ("x.map.toml", MAPPING, channels.read_mapping),
     "candump": ("can.log", CANDUMP, canlog.read),
-    "lcm log as frames": ("run.lcmlog", b"", canlog.read),
+    "lcm log as frames": ("run.lcmlog", lcm_log(), canlog.read),
     "tracker": ("tracker.csv", text(20, "t,x,y,z", "1", "2.5", "-3e-1"), tracker_csv.read),
     "signals": (
         "signals.csv",
-        text(20, ",".join(SIGNALS), *["1.5"] * (len(SIGNALS) - 1)),
+        text(20, ",".join(SIGNALS), *["0.5"] * (len(SIGNALS) - 1)),  # four of them are a quaternion
         lambda p: signals_csv.read(p, ROBOT),
     ),
-    "foreign table": ("log.csv", text(40, "Time,ax [g],ay,f_1 [kN]", "0.1", "-2", "3"), convert.read_file),
+    "foreign table": ("log.csv", text(40, "Time,ax [g],ay,f_1 [kN]", "0.1", "-2", "3"), channels.summary),
 }
 
 
@@ -77,6 +101,13 @@ def folder(tmp_path_factory) -> Path:
     made = tmp_path_factory.mktemp("any")
     shutil.copytree(COGIRO, made / "x")
     return made / "x"
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+def test_a_text_is_of_use_before_it_is_edited(folder: Path, kind: str):
+    name, whole, read = TEXTS[kind]
+    (folder / f"whole_{name}").write_bytes(whole)
+    read(folder / f"whole_{name}")
 
 
 @pytest.mark.parametrize("kind", TEXTS)

@@ -8,25 +8,27 @@ import pytest
 from conftest import TOP
 from scipy.spatial.transform import Rotation
 
+import inertiad_core
 from inertiad.base import quantity, table
 from inertiad.base.error import InputError
 from inertiad.base.table import Table
 from inertiad.base.text_files import to_toml
-from inertiad.robot import description
+from inertiad.robot import configuration, description
 from inertiad.robot.description import Robot
 from inertiad.run import cable_lengths, encode, reader, signals_csv, tracker_csv
 
 TARGET = [0.05, -0.02, 0.1]
 
 
-def cubic_robot(folder: Path, n_cables: int) -> Robot:
+def cubic_robot(folder: Path, n_cables: int, pulley_radius: float = 0.0) -> Robot:
     """Cables from the top of a room of 4 x 3 x 2.5 m, attached alternately at the bottom and top of a box."""
     angle = 2.0 * np.pi * np.arange(n_cables) / n_cables
     anchors = np.column_stack([2.0 * np.cos(angle), 1.5 * np.sin(angle), np.full(n_cables, 2.5)])
     box = np.column_stack([0.2 * np.cos(angle + 0.3), 0.15 * np.sin(angle - 0.2), 0.1 * (-1.0) ** np.arange(n_cables)])
     cables = [{"anchor": a.tolist(), "attachment": b.tolist()} for a, b in zip(anchors, box, strict=True)]
     path = folder / "robot.toml"
-    path.write_text(to_toml({"name": "room", "cable": cables, "tracker": {"target": TARGET}}), encoding="utf-8")
+    keys = {"name": "room", "cable": cables, "tracker": {"target": TARGET}, "cables": {"pulley_radius": pulley_radius}}
+    path.write_text(to_toml(keys), encoding="utf-8")
     return description.load(path)
 
 
@@ -84,10 +86,38 @@ def test_an_instant_that_disagrees_is_left_out_and_counted(tmp_path: Path, insta
     lengths = straight_lengths(robot, p, turn) + np.random.default_rng(4).normal(0.0, 1e-3, (len(t), 6))
     lengths[instant, 2] += length
     found = cable_lengths.positions(robot, "test", signals_of(t, turn), lengths_of(t, lengths))
-    assert found.n_dropped == 1 and "; 1 instants left out" in found.note
+    assert found.n_dropped == 1 and "; 1 of 2000 instants left out: there the lengths disagree by" in found.note
+    assert "more than 6.3 mm; check the encoders" in found.note
     assert t[instant] not in found.positions.t and len(found.positions.t) == len(t) - 1
     whole = np.delete(p + turn.apply(TARGET), instant, axis=0)
     assert np.abs(found.positions.stack("x", "y", "z") - whole).max() < 0.02
+
+
+@pytest.mark.parametrize("reading", [0.001, 0.1, 10.0, 50.0, 65.535])
+@pytest.mark.parametrize(("n_cables", "radius"), [(3, 0.0), (4, 0.0), (6, 0.05), (8, 0.05)])
+def test_an_encoder_that_drops_out_costs_its_instants_only(
+    tmp_path: Path, n_cables: int, radius: float, reading: float
+) -> None:
+    robot = cubic_robot(tmp_path, n_cables, radius)
+    t, p, turn = motion(300, 3)
+    lengths = straight_lengths(robot, p, turn)
+    if radius > 0.0:  # lengths with the arc on the pulley
+        config = inertiad_core.Config(configuration.compile_robot(robot, "test"))
+        lengths = inertiad_core.cable_geometry(config, p, turn.as_matrix())[2]
+    lengths[[70, 71, 200], 2] = reading
+    found = cable_lengths.positions(robot, "test", signals_of(t, turn), lengths_of(t, lengths))
+    assert found.n_dropped == 3 and not np.isin(t[[70, 71, 200]], found.positions.t).any()
+    whole = np.delete(p + turn.apply(TARGET), [70, 71, 200], axis=0)
+    np.testing.assert_allclose(found.positions.stack("x", "y", "z"), whole, atol=1e-6)
+
+
+def test_lengths_without_a_pose_at_many_instants_are_refused(tmp_path: Path) -> None:
+    robot = cubic_robot(tmp_path, 4)
+    t, p, turn = motion(100, 3)
+    lengths = straight_lengths(robot, p, turn)
+    lengths[10:16, 2] = 50.0
+    with pytest.raises(InputError, match=r"6 of 100 instants, the first at t = 0\.2 s: no pose has these lengths"):
+        cable_lengths.positions(robot, "test", signals_of(t, turn), lengths_of(t, lengths))
 
 
 @pytest.mark.parametrize("n_cables", [1, 2])

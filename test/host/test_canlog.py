@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """CAN logs of every format as arrays, whole and damaged; LCM logs up to their first damage."""
 
+import contextlib
 import subprocess
 import sys
 from pathlib import Path
@@ -33,6 +34,11 @@ def test_candump_lines_come_back_as_they_were(tmp_path: Path):
     assert log.bus.tolist() == [1, 0, 0, 0, 1, 0]
     assert log.data.shape == (6, 64)
     assert b"".join(canlog.lines(log)).decode() == LINES
+
+
+def test_interface_name_that_is_no_text_is_read(tmp_path: Path):
+    (tmp_path / "can.log").write_bytes(b"(1.0) c\x80n0 123#00\n")
+    assert canlog.read(tmp_path / "can.log").names == ("c\N{REPLACEMENT CHARACTER}n0",)
 
 
 def test_wire_is_what_socketcan_takes(tmp_path: Path):
@@ -119,6 +125,18 @@ def test_lcm_log_is_read_to_its_damage(tmp_path: Path):
     log = canlog.read(path)
     assert len(log) == 27
     assert "cut off in the middle of a record; 9 messages" in log.remarks[0]
+
+
+def test_frames_of_no_length_in_an_lcm_log_are_left_out_and_said(tmp_path: Path):
+    good, bad = raw_message(0), raw_message(1)
+    data = bytearray(bad.encode())
+    data[-9] = 0xFF  # the last frame's length, -1
+    with contextlib.closing(lcmlog.Writer(tmp_path / "run.lcmlog")) as log:
+        log.write(0, "INERTIAD_RAW", good.encode())
+        log.write(1, "INERTIAD_RAW", bytes(data))
+    found = canlog.read(tmp_path / "run.lcmlog")
+    assert len(found) == 5
+    assert found.remarks[0].endswith("1 frames of INERTIAD_RAW left out: their length is not 0 to 64")
 
 
 def test_lcm_log_of_other_types_is_refused(tmp_path: Path):

@@ -215,6 +215,21 @@ def test_kill_that_kills_nothing_is_refused(kill, arms, said, tmp_path):
         request.request_of(ROBOT, words(tmp_path, kill=kill, arms=arms))
 
 
+@pytest.mark.parametrize(
+    ("announce", "changed", "said"),
+    [
+        (("payload",), {"payload": ()}, "--announce payload: there is none; pass --payload as well"),
+        (("40@10",), {}, '--announce "40@10": allowed: 0 to 10, s'),
+        (("40@5", "20@3.5"), {}, "--announce: payloads at 3.5 and 5 s: allowed: 2 s apart or more"),
+        (("payload",), {"payload": ("9@5", "9@6.9")}, "payloads at 5 and 6.9 s: allowed: 2 s apart"),
+        (("payload",), {"arms": "nominal,oracle"}, "--announce: no arm has a daemon; add live to --arms"),
+    ],
+)
+def test_announcement_that_nobody_hears_is_refused(announce, changed, said, tmp_path):
+    with pytest.raises(InputError, match=said):
+        request.request_of(ROBOT, words(tmp_path, announce=announce, **changed))
+
+
 # ---- measuring and judging, without a motion -------------------------------------------------------------------------
 
 
@@ -255,6 +270,7 @@ def test_a_second_payload_is_no_late_error(run):
     again = replace(run.payloads[0], time=6.0)
     found = outcome(replace(run, payloads=(*run.payloads, again)), "live").phases
     assert found["transient"].rms_mm == pytest.approx(2.0) and found["late"].rms_mm == pytest.approx(3.0)
+    assert experiment.HEAD[4] == "transient rms"  # from the first contact to 3 s after the last
 
 
 def test_motion_that_ends_in_the_transient_has_no_late_error(run, tmp_path):
@@ -287,7 +303,7 @@ def test_commands_that_are_cut_off_stop(run):
     assert (verdict.severity, finding.name) == ("stop", "cut_off")
     assert "2 of 1000 commands are cut off" in finding.says and "oracle" in finding.says
     assert "the first at t = 6.50 s" in finding.says
-    assert [row[-1] for row in experiment.rows(outcomes)] == ["0", "2"] and experiment.head(outcomes)[-1] == "cut off"
+    assert [row[-1] for row in experiment.rows(outcomes)] == ["0", "2"] and experiment.HEAD[-1] == "cut off"
 
 
 def test_platform_that_is_far_away_stops(run):
@@ -298,7 +314,7 @@ def test_platform_that_is_far_away_stops(run):
 def test_hand_over_that_is_not_measured_has_an_empty_cell(run):
     outcomes = [outcome(run, arm) for arm in ("adaptive", "nominal")]
     adaptive, nominal = experiment.rows(outcomes)
-    at = experiment.head(outcomes).index("hand-over")
+    at = experiment.HEAD.index("hand-over")
     assert (adaptive[at], nominal[at]) == ("", "0.00 %")
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import COGIRO, TOP
+from conftest import COGIRO, TOP, minimal_toml
 
 import inertiad_core
 from inertiad.base.error import InputError
-from inertiad.exchange import fmu
+from inertiad.exchange import convert, fmu
 from inertiad.robot import configuration, description
 
 ROBOT = COGIRO / "robot.toml"
@@ -22,7 +22,6 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory) -> Path:
-    subprocess.run(["make", "--no-print-directory", "fmu"], cwd=TOP, check=True, capture_output=True)
     path = tmp_path_factory.mktemp("fmu") / "robot.fmu"
     command = [sys.executable, "-m", "inertiad", "export", ROBOT, "--to", "fmu", "-o", path]
     done = subprocess.run(command, cwd=TOP, capture_output=True, text=True, timeout=60)
@@ -118,19 +117,66 @@ def test_simulation_by_fmpy_takes_parameters_while_it_runs(model):
     assert force[-1] == pytest.approx(2.0 * force[2])
 
 
-def test_unusable_robots_are_refused(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("is_installed", "remedy"), [(False, "run make fmu"), (True, "install inertiad again")])
+def test_library_that_is_not_there_is_named(tmp_path, monkeypatch, is_installed, remedy):
     from inertiad.base import installation
 
-    monkeypatch.setattr(installation, "SOURCE_TREE", tmp_path)
-    with pytest.raises(InputError, match="run make fmu"):
+    monkeypatch.setattr(installation, "SOURCE_TREE", None if is_installed else tmp_path)
+    with pytest.raises(InputError, match=remedy):
         fmu.write(ROBOT, tmp_path / "x.fmu")
+    assert not (tmp_path / "x.fmu").exists()
 
 
-def test_model_refuses_a_damaged_robot(model, tmp_path):
+def test_robot_with_four_cables_is_refused(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(minimal_toml(4))
+    with pytest.raises(InputError, match="4 cables: allowed: 6 or more, fewer cannot give every wrench"):
+        fmu.write(path, tmp_path / "x.fmu")
+
+
+def test_robot_is_not_replaced_by_its_model(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(minimal_toml(8))
+    before = path.read_bytes()
+    for run in (path, tmp_path):
+        with pytest.raises(InputError, match=r"robot.toml: is what is exported: allowed: another file"):
+            convert.export(run, "fmu", path, None, "", [])
+    with pytest.raises(InputError, match=r"--robot .*: not wanted with --to fmu"):
+        convert.export(path, "fmu", tmp_path / "x.fmu", path, "", [])
+    assert path.read_bytes() == before
+
+
+def test_run_folder_gives_its_robot(tmp_path, model):
+    (tmp_path / "robot.toml").write_text(minimal_toml(8))
+    [said] = convert.export(tmp_path, "fmu", tmp_path / "x.fmu", None, "", [])
+    assert "8 tensions" in said
+
+
+def test_values_at_the_start_are_those_of_the_description(model, tmp_path):
+    from fmpy import extract, instantiate_fmu, read_model_description
+
+    described = read_model_description(str(model))
+    instance = instantiate_fmu(extract(str(model), str(tmp_path)), described, fmi_type="CoSimulation")
+    for variable in (v for v in described.modelVariables if v.causality == "input"):
+        start = [float(x) for x in variable.start.split()]
+        assert instance.getFloat64([variable.valueReference], nValues=len(start)) == pytest.approx(start), variable.name
+    instance.freeInstance()
+
+
+def four_cables(folder: Path) -> bytes:
+    path = folder / "robot.toml"
+    path.write_text(minimal_toml(4))
+    return configuration.compile_robot(description.load(path), str(path))
+
+
+@pytest.mark.parametrize(
+    ("config", "message"), [(lambda _: b"nothing", "robot.cfg"), (four_cables, "4 cables: allowed: 6 or more")]
+)
+def test_model_refuses_a_damaged_or_unusable_robot(model, tmp_path, config, message):
     from fmpy import extract, instantiate_fmu, read_model_description
 
     folder = Path(extract(str(model), str(tmp_path / "fmu")))
-    (folder / "resources/robot.cfg").write_bytes(b"nothing")
+    (folder / "resources/robot.cfg").write_bytes(config(tmp_path))
     said: list[str] = []
     with pytest.raises(Exception, match="nstantiat"):
         instantiate_fmu(
@@ -139,5 +185,5 @@ def test_model_refuses_a_damaged_robot(model, tmp_path):
             fmi_type="CoSimulation",
             logger=lambda environment, status, category, message: said.append(message.decode()),
         )
-    assert said and "robot.cfg" in said[0]
+    assert said and message in said[0]
     shutil.rmtree(folder)

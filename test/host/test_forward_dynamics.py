@@ -368,6 +368,7 @@ def test_truth_tells_plant_and_payload(cogiro, tmp_path):
         ("20@soon", "time = soon: allowed: 0 and more, s"),
         ("0@4", "mass = 0: allowed: above 0 to take up"),
         ("20@4@1,2", "place = 1,2: allowed: x,y,z in P, m"),
+        ("box.toml@4@0,0,1", "place = 0,0,1: allowed: FILE@S, the cog in FILE is the place"),
         ("20@9.8", "allowed: 0.5 s before the end at 10 s"),
         ("-500@4", "no body is left at 4 s, mass = -380 kg"),
     ],

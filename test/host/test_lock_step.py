@@ -12,7 +12,7 @@ from conftest import COGIRO, TOP, lock_step_lines
 
 from inertiad.control.daemon import Daemon
 from inertiad.run import lcmlog
-from inertiad_lcm import event_t
+from inertiad_lcm import command_t, event_t, expectation_t
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +99,27 @@ def test_states_of_the_bus_are_told_in_every_second(config: Path, tmp_path: Path
     daemon.kill()
     at = np.array([e.t_ns for e in events if e.source == "stdin"]) * 1e-9
     assert [int(np.sum((at >= t) & (at < t + 1.0))) for t in (1.0, 2.0, 3.0)] == [10, 10, 10]
+
+
+def test_payload_is_expected_from_a_second_past_to_ten_minutes_ahead(config: Path, tmp_path: Path) -> None:
+    rows = [announcement(1, 60.0, ahead) for ahead in (-1.1, 600.1, -0.9, 599.9)]
+    daemon = Daemon(config, tmp_path / "said")
+    got = [lcmlog.decode(event_t, e, "") for e in daemon.ask(rows) if e.channel == "EVENT"]
+    daemon.kill()
+    assert [e.kind for e in got] == [event_t.REFUSED, event_t.REFUSED, event_t.DONE, event_t.DONE]
+    assert got[0].text == "expect refused: t_ns: -1.100 s from now; allowed: -1 to 600 s"
+    assert got[2].text == "expect done: 20 +- 0.4 kg in -0.900 s"
+    assert got[3].text == "expect done: 20 +- 0.4 kg in 599.900 s; replaces the payload announced before"
+
+
+def announcement(sequence: int, t: float, ahead: float) -> str:
+    """A line that announces 20 kg at t [s], in contact so many seconds later."""
+    expected, command = expectation_t(), command_t()
+    expected.t_ns, expected.mass, expected.mass_std = round(1e9 * (t + ahead)), 20.0, 0.4
+    command.kind, command.text, command.sender, command.sequence = command_t.EXPECT, "", 1, sequence
+    command.t_ns, command.config = round(1e9 * t), expected.encode()
+    command.n_config = len(command.config)
+    return f"command {command.encode().hex()}\n"
 
 
 @pytest.mark.slow

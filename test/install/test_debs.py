@@ -34,6 +34,7 @@ def root(tmp_path_factory) -> Path:
 
 def test_installed_programs_identify_a_run(root, simulated, tmp_path):
     run(root / "usr/bin/inertiactl", "compile", simulated / "robot.toml", "-o", tmp_path / "robot.cfg")
+    run(root / "usr/bin/inertiactl", "export", simulated, "--to", "fmu", "-o", tmp_path / "robot.fmu")
     checkpoint, estimate = tmp_path / "checkpoint", tmp_path / "estimate.json"
     command = [root / "usr/bin/inertiad", "--config", tmp_path / "robot.cfg", "--lcm", "none"]
     command += ["--bus", f"file:{simulated}/can.log", "--tracker", f"file:{simulated}/tracker.csv"]

@@ -41,6 +41,14 @@ def test_verify_recomputes_a_run_with_the_packaged_daemon(wheel_bin, simulated):
     assert "rows recomputed: all" in run(wheel_bin / "inertiactl", "verify", simulated)
 
 
+def test_feed_forward_is_exported_by_every_installation(wheel_bin, prefix, simulated, tmp_path):
+    for number, folder in enumerate((wheel_bin, prefix / "bin")):
+        model = tmp_path / f"{number}.fmu"
+        run(folder / "inertiactl", "export", simulated, "--to", "fmu", "-o", model)
+        with zipfile.ZipFile(model) as archive:
+            assert any(name.endswith("-linux/inertiad_feed_forward.so") for name in archive.namelist())
+
+
 def test_base_installation_is_small(wheel_bin):
     site = next((wheel_bin.parent / "lib").glob("python3*/site-packages"))
     assert size_of(site) < SIZE_MAX

@@ -99,11 +99,27 @@ def publish_position(service: Service) -> None:
     service.lcm.publish("INERTIAD_TRACKER", message.encode())
 
 
-def mark(service: Service, sequence: int) -> None:
+def send(service: Service, kind: int, sequence: int) -> None:
     message = command_t()
-    message.kind, message.text, message.sender = command_t.MARK, "load on", 7
+    message.kind, message.text, message.sender = kind, "load on", 7
     message.sequence, message.t_ns = sequence, time.time_ns()
     service.lcm.publish("INERTIAD_COMMAND", message.encode())
+
+
+def learnt(service: Service) -> int:
+    """Windows that the estimate holds, from the answer to a RESUME, which changes nothing."""
+    sequence = time.time_ns()
+    send(service, command_t.RESUME, sequence)
+    found: list[event_t] = []
+
+    def is_answered() -> bool:
+        found.extend(a for a in service.answers if a.command == sequence)
+        return bool(found)
+
+    service.wait(is_answered, "RESUME is not answered")
+    match = re.fullmatch(r"resume done: learning already, (\d+) windows", found[0].text)
+    assert match, found[0].text
+    return int(match[1])
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +152,7 @@ def test_command_and_tracker_of_this_host_arrive(service: Service):
 
     def command_answered() -> bool:
         command_answered.sequence += 1
-        mark(service, command_answered.sequence)
+        send(service, command_t.MARK, command_answered.sequence)
         return any(a.kind == event_t.DONE and a.sender == 7 for a in service.answers)
 
     command_answered.sequence = 0
@@ -146,7 +162,9 @@ def test_command_and_tracker_of_this_host_arrive(service: Service):
 
 def test_daemon_that_hangs_is_replaced_by_the_watchdog(service: Service):
     # given: a checkpoint with something in it
+    assert learnt(service) == 0
     player = subprocess.Popen(["canplayer", "-I", str(ROBOT / "can.log"), "vcan0=can0", "vcan1=can1"])
+    service.wait(lambda: learnt(service) > 0, "nothing is learnt")
     hung = service.shows("MainPID")
     saved = service.counters.get("checkpoint.written", 0)
     service.wait(lambda: service.counters.get("checkpoint.written", 0) > saved, "no checkpoint is written")
@@ -154,10 +172,11 @@ def test_daemon_that_hangs_is_replaced_by_the_watchdog(service: Service):
     player.wait()
     # when
     service.inside("sh", "-c", f"kill -STOP {hung}")
-    # then: the watchdog
+    # then: the watchdog, and the next daemon goes on from the checkpoint
     service.wait(lambda: service.shows("NRestarts") == "1", "the watchdog does not restart it")
     service.wait_active()
     assert service.shows("MainPID") != hung
+    assert learnt(service) > 0
 
 
 def test_sandbox_is_as_tight_as_it_was(service: Service):

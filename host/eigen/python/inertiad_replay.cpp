@@ -97,6 +97,16 @@ struct Log {
     }
 };
 
+/// Bytes that are not UTF-8 become replacement characters.
+nb::list texts(const std::vector<std::string>& names)
+{
+    nb::list found;
+    for (const std::string& name : names) {
+        found.append(nb::steal(PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), "replace")));
+    }
+    return found;
+}
+
 nb::dict parse_candump(const nb::bytes& bytes)
 {
     Log log;
@@ -117,7 +127,7 @@ nb::dict parse_candump(const nb::bytes& bytes)
     d["t_ns"] = to_numpy(std::move(log.t_ns), {n}), d["can_id"] = to_numpy(std::move(log.can_id), {n});
     d["flags"] = to_numpy(std::move(log.flags), {n}), d["length"] = to_numpy(std::move(log.length), {n});
     d["bus"] = to_numpy(std::move(log.bus), {n}), d["data"] = to_numpy(std::move(log.data), {n, width});
-    d["names"] = log.name, d["n_lines"] = log.n_lines, d["n_bad"] = log.n_bad;
+    d["names"] = texts(log.name), d["n_lines"] = log.n_lines, d["n_bad"] = log.n_bad;
     d["n_reported_lost"] = log.n_reported_lost, d["first_bad"] = log.first_bad, d["first_reason"] = log.first_reason;
     return d;
 }

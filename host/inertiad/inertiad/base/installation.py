@@ -12,11 +12,13 @@ SOURCE_TREE: Final = _TREE if (_TREE / "host/inertiad/pyproject.toml").is_file()
 """None: installed"""
 
 
-def _place(in_tree: str, in_wheel: str, below_prefix: str) -> Path | None:
-    """The file of the first kind of installation that has it."""
+def _place(in_tree: str, in_wheel: str, below_prefix: str | None = None) -> Path | None:
+    """The file of the first kind of installation that has it. below_prefix: None: in the package as in a wheel."""
     if SOURCE_TREE is not None:
         return SOURCE_TREE / in_tree if (SOURCE_TREE / in_tree).exists() else None
-    places = (PACKAGE / in_wheel, PACKAGE.parents[2] / below_prefix)  # PREFIX/lib/inertiad/inertiad
+    places = [PACKAGE / in_wheel]
+    if below_prefix is not None:
+        places.append(PACKAGE.parents[2] / below_prefix)  # PREFIX/lib/inertiad/inertiad
     return next((path for path in places if path.exists()), None)
 
 
@@ -32,9 +34,10 @@ def daemon() -> Path:
 def feed_forward_model() -> Path:
     """The library that an FMU of the feed-forward holds. InputError: it was not built."""
     name = "inertiad_feed_forward.so"
-    path = _place(f"build/lib/{name}", f"lib/{name}", f"lib/inertiad/{name}")
+    path = _place(f"build/lib/{name}", f"lib/{name}")
     if path is None:
-        raise InputError(f"{name}: not found; run make fmu in the source tree")
+        remedy = "install inertiad again" if SOURCE_TREE is None else "run make fmu"
+        raise InputError(f"{name}: not found; {remedy}")
     return path
 
 

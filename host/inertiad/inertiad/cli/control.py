@@ -50,7 +50,8 @@ def control(
 
     The daemon runs in its own process, in lock-step: frames and positions with faults go in, ESTIMATE comes out and
     reaches the controller through the parameter gate. Writes control.json and control.html.
-    Exit code 1: live parameters were worse than nominal ones, or the platform was lost.
+    Exit code 1: live parameters were worse than nominal ones, commands were cut off at the limits of the tensions, or
+    the platform was lost.
     Arms: nominal: the body at the start; live; oracle: the true body; adaptive: Slotine and Li's law.
     """
     from inertiad.base import finding

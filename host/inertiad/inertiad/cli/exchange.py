@@ -17,7 +17,7 @@ def export_command(
     run: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json; of fmu: robot.toml."
+            metavar="RUN", help="Run folder, .lcmlog of the daemon, CAN log, or estimate.json; for fmu: robot.toml."
         ),
     ],
     to: Annotated[

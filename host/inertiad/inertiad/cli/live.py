@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands beside a running daemon and its instruments."""
 
+import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
+from typer.core import TyperCommand
 
 from inertiad.base.channels import DEFAULT_PREFIX, DEFAULT_URL
 from inertiad.base.error import InputError
@@ -63,7 +65,20 @@ def live(
     web_view.serve(web_view.Options(host, port, run, robot, url, prefix, seconds), say)
 
 
-@commands.command(epilog='Example: inertiactl command mark "load on"')
+SET_DOWN: Final = re.compile(r"-[\d.][^@]*@")
+"""a payload with a negative mass, which is no option"""
+
+
+class _TakesPayload(TyperCommand):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Click's, with a negative mass behind "--"."""
+        if "--" not in args:
+            masses = [word for word in args if SET_DOWN.match(word)]
+            args = [*(word for word in args if word not in masses), "--", *masses]
+        return super().parse_args(ctx, args)
+
+
+@commands.command(cls=_TakesPayload, epilog='Example: inertiactl command mark "load on"')
 def command(
     name: Annotated[str, typer.Argument(metavar="freeze|resume|reset|tare|configure|mark|expect")],
     argument: Annotated[
@@ -82,8 +97,9 @@ def command(
     """Send a command to a running daemon and print its answer.
 
     freeze: learn nothing more; resume: learn again; reset: start from the prior; tare: take the gyro's bias at rest;
-    configure FILE: use this compiled configuration; mark TEXT: note it in the record; expect KG@S@x,y,z or FILE@S: this
-    payload touches the platform S seconds from now, a point in P or a body; below 0 kg: it is set down.
+    configure FILE: use this compiled configuration; mark TEXT: note it in the record. expect KG@S@x,y,z: a point mass
+    touches the platform S seconds from now, at this place in P. expect FILE@S: a body. A negative KG is set down:
+    -5@2@0,0,0.
 
     Exit code 0: done, 1: the daemon refused, 2: no answer.
     """

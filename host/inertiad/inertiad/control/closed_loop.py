@@ -38,7 +38,7 @@ SOURCES: Final = ("nominal parameters", "live parameters", "the last good parame
 POLL: Final = 0.02
 """s between two looks for estimates: the period of ESTIMATE as configured by default"""
 ANNOUNCED_BEFORE: Final = 1.0
-"""s"""
+"""s: from then on the daemon looks for the contact (announcement.h), so telling it earlier changes nothing"""
 DOWN: Final = 1.0
 """s from the daemon's end to its restart, as systemd's RestartSec=1"""
 OBSERVER_SHARE: Final = 1.0

@@ -13,19 +13,24 @@ from numpy.typing import NDArray
 from inertiad.base.error import InputError
 from inertiad.control import closed_loop
 from inertiad.control.closed_loop import ARMS, Trace, Trial
-from inertiad.model.payload import Payload
+from inertiad.model.payload import RAMP, Payload
 from inertiad.robot.messages import nearest
 from inertiad.simulate.simulator import Run
 
 SETTLING: Final = 3.0
-"""s after a contact that belong to the transient,"""
-SETTLING_ANNOUNCED: Final = 0.5
-"""the same where it is announced"""
+"""s after a contact that belong to the transient: the first, in which no estimate helps, and three periods at 1.5 Hz"""
+SETTLING_ANNOUNCED: Final = RAMP
+"""s after an announced contact that belong to the transient: until the platform carries the whole weight"""
 PHASES: Final = ("before", "transient", "late")
 KEYS: Final = ("rms_mm", "max_mm", "rms_deg", "late_rms_mm")
 """of control.json"""
 LIMIT_NOISE: Final = 1.0
 """N beyond a limit of tension that the drives' ramp between two commands may make"""
+HEAD: Final = (
+    *("bandwidth", "parameters", "before rms", "max", "transient rms", "max", "later rms", "max"),
+    *("attitude, deg", "tensions, N", "hand-over", "over limit", "cut off"),
+)
+"""of rows()"""
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,6 @@ class Outcome:
     """commands cut off at the limits of the tensions, of as many as the trace has rows"""
     cut_at: float
     """s, the first of them; NaN: none was"""
-    settling: float
-    """s after the contact that belong to its transient"""
     trace: Trace
 
     @property
@@ -80,7 +83,7 @@ def _phase(trace: Trace, part: NDArray[np.bool_]) -> Phase:
 
 
 def measured(trial: Trial, trace: Trace, settling: float = SETTLING) -> Outcome:
-    """The outcome of a trial. settling: s after the contact that belong to the transient."""
+    """The outcome of a trial. settling: s after the last contact that belong to the transient."""
     contacts = [p.time for p in trial.run.payloads] or [0.0]
     t = trace.t
     settled = max(contacts) + settling
@@ -100,7 +103,6 @@ def measured(trial: Trial, trace: Trace, settling: float = SETTLING) -> Outcome:
         beyond if beyond > LIMIT_NOISE else 0.0,
         len(cut),
         float(t[cut[0]]) if len(cut) else np.nan,
-        settling,
         trace,
     )
 
@@ -119,7 +121,7 @@ class Request:
 
     @property
     def settling(self) -> float:
-        """s after the contact that belong to the transient."""
+        """s after the last contact that belong to the transient."""
         return SETTLING_ANNOUNCED if self.announced else SETTLING
 
 
@@ -159,7 +161,7 @@ def _median(outcomes: list[Outcome], phase: str, name: str) -> float:
 
 
 def rows(outcomes: list[Outcome]) -> list[list[str]]:
-    """Cells of the table under head(), a row per bandwidth and arm. Empty: there is no such phase, or not measured."""
+    """Cells of the table under HEAD, a row per bandwidth and arm. Empty: there is no such phase, or not measured."""
     found = []
     for bandwidth in dict.fromkeys(o.bandwidth for o in outcomes):
         for arm in dict.fromkeys(o.arm for o in outcomes):
@@ -180,18 +182,9 @@ def _number(value: float, digits: int = 2) -> str:
     return "" if np.isnan(value) else f"{value:.{digits}f}"
 
 
-def head(outcomes: list[Outcome]) -> list[str]:
-    """Titles of the table's columns."""
-    first = f"first {outcomes[0].settling:g} s rms"
-    return [
-        *("bandwidth", "parameters", "before rms", "max", first, "max", "later rms", "max"),
-        *("attitude, deg", "tensions, N", "hand-over", "over limit", "cut off"),
-    ]
-
-
 def lines(outcomes: list[Outcome]) -> list[str]:
     """The table as text, columns aligned."""
-    table = [head(outcomes), *rows(outcomes)]
+    table = [HEAD, *rows(outcomes)]
     width = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     aligned = [
         "  ".join(cell.ljust(w) if i < 2 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, width, strict=True)))

@@ -39,12 +39,17 @@ def _check(form: str) -> None:
 def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, remarks: list[str]) -> list[str]:
     """Write a run, or its identified body, in one of the known formats. Returns the contents of each file as text.
 
-    remarks: what the run lacks and where it is damaged. InputError: unknown format, nothing to export, a package that
-    is not installed.
+    remarks: what the run lacks and where it is damaged. InputError: unknown format, output is what is read, nothing to
+    export, a package that is not installed.
     """
     _check(form)
+    described = run / "robot.toml" if run.is_dir() else run
+    if output.resolve() in [path.resolve() for path in (run, robot, described) if path is not None]:
+        raise InputError(f"{output}: is what is exported: allowed: another file to write")
     if form == FMU:
-        return [fmu.write(run, output)]
+        if robot is not None:
+            raise InputError(f"--robot {robot}: not wanted with --to fmu: pass it instead of {run}")
+        return [fmu.write(described, output)]
     if form in body_formats.FORMATS:
         body = body_formats.read(run)
         body_formats.write(output, body, form)

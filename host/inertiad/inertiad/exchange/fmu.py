@@ -5,6 +5,7 @@ Inputs are the wanted pose, rate and accelerations and theta; all may change at 
 tensions of the cables. The model is host/fmi/feed_forward.cpp; the robot goes with it as resources/robot.cfg.
 """
 
+import io
 import platform
 import zipfile
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from inertiad.robot import configuration, description
 from inertiad_lcm import robot_config_t
 
 TOKEN: Final = "inertiad-feed-forward-1"  # noqa: S105  (no secret)
-"""of the model: FMU_TOKEN of tools/fmu.mk"""
+"""of the model, raised with every change of its variables; tools/fmu.mk builds it in"""
 CRC_BYTES: Final = 4
 """that end robot.cfg"""
 MODEL: Final = "inertiad_feed_forward"
@@ -111,14 +112,16 @@ def write(robot_file: Path, output: Path) -> str:
     robot = description.load(robot_file)
     compiled = configuration.compile_robot(robot, str(robot_file))
     if robot.n_cables < 6:
-        raise InputError(f"{robot_file}: {robot.n_cables} cables: tensions need 6 or more")
+        raise InputError(f"{robot_file}: {robot.n_cables} cables: allowed: 6 or more, fewer cannot give every wrench")
     theta = tuple(robot_config_t.decode(compiled[:-CRC_BYTES]).prior_theta)
     anchors = [cable.anchor for cable in robot.cable]
     middle = [sum(anchor[k] for anchor in anchors) / len(anchors) for k in range(3)]
     place = (middle[0], middle[1], 0.5 * middle[2])
     library = installation.feed_forward_model()
-    with zipfile.ZipFile(output, "w", zipfile.ZIP_DEFLATED) as archive:
+    written = io.BytesIO()  # so that output is whole or not there, whatever goes wrong
+    with zipfile.ZipFile(written, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", model_description(robot.name, robot.n_cables, theta, place))
         archive.writestr("resources/robot.cfg", compiled)
         archive.write(library, f"binaries/{platform.machine()}-linux/{MODEL}.so")
+    output.write_bytes(written.getvalue())
     return f"{output}: FMI 3.0, Model Exchange and Co-Simulation, {robot.n_cables} tensions, {platform.machine()}-linux"

@@ -71,6 +71,9 @@ def parse(item: str, body: Nominal, option: str = "--payload") -> Payload:
         path = Path(what)
         if path.suffix not in (".toml", ".json"):
             raise InputError(f'{option} "{item}": allowed: a mass in kg, or a .toml or .json file') from None
+        if len(rest) == 2:
+            said = f"place = {rest[1]}"
+            raise InputError(f'{option} "{item}": {said}: allowed: FILE@S, the cog in FILE is the place') from None
         data = read_json(path) if path.suffix == ".json" else read_toml(path)
         return Payload(time, configuration.theta_of(validate(Nominal, data, what)))
     if not np.isfinite(mass) or mass == 0.0:

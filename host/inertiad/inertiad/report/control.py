@@ -180,7 +180,7 @@ def page_of(request: Request, outcomes: list[Outcome], command: str) -> Page:
             "Errors",
             [
                 Table(
-                    experiment.head(outcomes),
+                    list(experiment.HEAD),
                     experiment.rows(outcomes),
                     foot="mm; medians over the seeds, hand-over, over limit and commands cut off: the worst.",
                 ),

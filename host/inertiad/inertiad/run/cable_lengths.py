@@ -35,7 +35,8 @@ FAR: Final = 10.0
 """times the median residual of an instant: chosen so that noise is beyond it once in 6e10 instants, with four cables"""
 FAR_MIN: Final = 2e-3
 """m: residuals below it are left in, however small the others are; chosen as what an encoder's count and sag may do"""
-
+LOST_MAX: Final = 0.05
+"""share of instants for which no pose is found: chosen so that encoders may drop out, and a wrong unit is refused"""
 NO_POSE: Final = "no pose has these lengths; are they in m, from attachment to anchor with the arc on the pulley?"
 
 
@@ -48,13 +49,19 @@ class FromLengths:
     residual: float
     """m, rms over cables and instants; 0 where three cables leave nothing over"""
     n_dropped: int
-    """instants left out: their lengths agree far worse than at others"""
+    """instants left out: no pose has their lengths, or they agree far worse than at others"""
+    limit: float
+    """m, rms of an instant, above which it is left out"""
 
     @property
     def note(self) -> str:
         """Where the positions come from, in words."""
         rest = f", which agree to {1e3 * self.residual:.2g} mm rms" if self.residual > 0.0 else ""
-        dropped = f"; {self.n_dropped} instants left out, at which they disagree" if self.n_dropped else ""
+        dropped = ""
+        if self.n_dropped:
+            n = self.n_dropped + len(self.positions)
+            dropped = f"; {self.n_dropped} of {n} instants left out: there the lengths disagree by more than "
+            dropped += f"{1e3 * self.limit:.2g} mm; check the encoders"
         return f"positions from attitude and cable lengths{rest}{dropped}"
 
 
@@ -83,17 +90,36 @@ def find(signals: Table, file: Path, robot: Robot) -> Table | None:
     return lengths
 
 
-def _solve(config: Any, R: Array, lengths: Array, start: Array) -> tuple[Array, Array, Array, Array]:
-    """p [N, 3] of P, the residual [N, m] of the lengths, the length [N] of the last step, unit directions [N, m, 3]."""
-    p = np.repeat(start[None], len(R), axis=0)
-    for _ in range(STEPS_MAX):
+def _geometry(config: Any, p: Array, R: Array) -> tuple[Array, Array]:
+    """Unit directions [N, m, 3] and lengths [N, m]; NaN where a cable has no direction, as within its pulley."""
+    try:
         u, _, length = inertiad_core.cable_geometry(config, p, R)
-        step = np.einsum("nij,nj->ni", np.linalg.pinv(u), length - lengths)
-        p = p + step
-        size = np.linalg.norm(step, axis=1)
-        if size.max() < SOLVED:
+    except ValueError:
+        if len(p) == 1:
+            return np.full((1, config.n_cables, 3), np.nan), np.full((1, config.n_cables), np.nan)
+        half = len(p) // 2
+        halves = (_geometry(config, p[:half], R[:half]), _geometry(config, p[half:], R[half:]))
+        return np.concatenate([h[0] for h in halves]), np.concatenate([h[1] for h in halves])
+    return u, length
+
+
+def _solve(config: Any, R: Array, lengths: Array, start: Array) -> tuple[Array, Array, Array]:
+    """p [N, 3] of P, the residual [N, m] of the lengths, unit directions [N, m, 3]; NaN where no pose is found."""
+    n, m = lengths.shape
+    p, left, u = np.repeat(start[None], n, axis=0), np.full((n, m), np.nan), np.full((n, m, 3), np.nan)
+    sought = np.arange(n)
+    for _ in range(STEPS_MAX):
+        directions, length = _geometry(config, p[sought], R[sought])
+        is_found = np.isfinite(directions).all(axis=(1, 2)) & np.isfinite(length).all(axis=1)
+        sought, directions, rest = sought[is_found], directions[is_found], (length - lengths[sought])[is_found]
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(directions), rest)
+        p[sought] += step
+        is_solved = np.linalg.norm(step, axis=1) < SOLVED
+        left[sought[is_solved]], u[sought[is_solved]] = rest[is_solved], directions[is_solved]
+        sought = sought[~is_solved]
+        if len(sought) == 0:
             break
-    return p, length - lengths, size, u
+    return p, left, u
 
 
 def _check_directions(name: str, t: Array, u: Array) -> None:
@@ -110,8 +136,8 @@ def _check_directions(name: str, t: Array, u: Array) -> None:
 def positions(robot: Robot, source: str, signals: Table, lengths: Table) -> FromLengths:
     """Positions of the tracked point at the lengths' times, within the time of the signals' attitude.
 
-    Instants whose lengths disagree far more than those of others are left out. InputError: cables that leave a
-    direction free, lengths that no pose has, or that differ by more than DISAGREE.
+    Instants whose lengths no pose has, or disagree far more than those of others, are left out. InputError: cables that
+    leave a direction free, more than LOST_MAX of instants without a pose, or lengths that differ by more than DISAGREE.
     """
     if robot.n_cables < CABLES_MIN:
         raise InputError(
@@ -127,15 +153,14 @@ def positions(robot: Robot, source: str, signals: Table, lengths: Table) -> From
     measured = lengths.stack(*quantity.measured_lengths(robot.n_cables))[inside]
     config = inertiad_core.Config(configuration.compile_robot(robot, source))
     box = geometry.box(robot)
-    try:
-        p, left, step, u = _solve(config, R, measured, 0.5 * (box[:3] + box[3:]))
-    except (ValueError, np.linalg.LinAlgError):
-        raise InputError(f"{lengths.name}: {NO_POSE}") from None
-    worst = int(np.argmax(step))
-    if not step[worst] < SOLVED:
-        raise InputError(f"{lengths.name}: t = {t[worst]:.6g} s: {NO_POSE}")
+    p, left, u = _solve(config, R, measured, 0.5 * (box[:3] + box[3:]))
     each = np.sqrt(np.mean(left**2, axis=1))
-    kept = each <= max(FAR * float(np.median(each)), FAR_MIN)
+    is_lost = np.isnan(each)
+    if np.mean(is_lost) > LOST_MAX:
+        which = f"{np.sum(is_lost)} of {len(t)} instants, the first at t = {t[np.argmax(is_lost)]:.6g} s"
+        raise InputError(f"{lengths.name}: {which}: {NO_POSE}")
+    limit = max(FAR * float(np.median(each[~is_lost])), FAR_MIN)
+    kept = each <= limit
     residual = float(np.sqrt(np.mean(left[kept] ** 2)))
     if residual > DISAGREE:
         raise InputError(
@@ -145,4 +170,4 @@ def positions(robot: Robot, source: str, signals: Table, lengths: Table) -> From
     _check_directions(lengths.name, t[kept], u[kept])
     target = (p + turn.apply(robot.tracker.target))[kept]
     found = Table(t[kept], dict(zip("xyz", target.T, strict=True)), lengths.name)
-    return FromLengths(found, residual if robot.n_cables > CABLES_MIN else 0.0, int(np.sum(~kept)))
+    return FromLengths(found, residual if robot.n_cables > CABLES_MIN else 0.0, int(np.sum(~kept)), limit)

@@ -22,6 +22,8 @@ FD, BRS, ESI = 1, 2, 4
 
 OTHER_FORMATS: Final = (".asc", ".blf", ".trc", ".mf4")
 LCM_FORMATS: Final = (".lcmlog", ".lcm")
+LENGTH_MAX: Final = 64
+"""bytes of a frame, CAN FD"""
 
 
 @dataclass(frozen=True)
@@ -147,11 +149,17 @@ def _raw_rows(path: Path, prefix: str, remarks: list[str]) -> Iterator[Row]:
     from inertiad.run import lcmlog
     from inertiad_lcm import raw_t
 
+    n_bad = 0
     for event in lcmlog.read(path, remarks):
         if event.channel != f"{prefix}RAW":
             continue
         for f in lcmlog.decode(raw_t, event, path).frame:
+            if not 0 <= f.length == len(f.data) <= LENGTH_MAX:
+                n_bad += 1
+                continue
             yield f.t_ns, f.can_id & 0xFFFFFFFF, f.flags & 0xFF, bytes(f.data), f"can{f.bus}", f.length
+    if n_bad:
+        remarks.append(f"{path}: {n_bad} frames of {prefix}RAW left out: their length is not 0 to {LENGTH_MAX}")
 
 
 def read_lcm(path: Path, prefix: str = DEFAULT_PREFIX) -> CanLog:
