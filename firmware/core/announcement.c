@@ -189,7 +189,14 @@ static void begin_contact(ipe_announcement_t* a, ipe_estimator_t* e, int64_t t_n
     a->contact_ns = t_ns;
     a->n_shares = 0, a->n_failed = 0;
     ++e->change_detector.n_changes;
-    ipe_change_detector_restart_after_change(&e->change_detector);
+    ipe_change_detector_restart(&e->change_detector);
+}
+
+/// The contact is broken off: the body is the one before again, which is one more change. What follows is suspected as usual.
+static void break_off(ipe_announcement_t* a, ipe_estimator_t* e)
+{
+    a->state = IPE_ANNOUNCEMENT_FAILED;
+    ++e->change_detector.n_changes;
 }
 
 /// One more window of the contact, at row time t_ns.
@@ -203,7 +210,7 @@ static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t
     if (is_resting(a, shown->share_std, &resting)) {
         take(a, e, config, resting, shown->share_std);
     } else if (now > CONTACT_MAX) {
-        a->state = IPE_ANNOUNCEMENT_FAILED;
+        break_off(a, e);
     }
 }
 
@@ -232,7 +239,7 @@ ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, co
     if (shown.is_evident) {
         follow(a, e, config, t_ns, &shown);
     } else if (a->n_failed >= FAILED_WINDOWS) {
-        a->state = IPE_ANNOUNCEMENT_FAILED;
+        break_off(a, e);
     }
     return publish(a, e, config, shown.t_ns);
 }

@@ -68,7 +68,7 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
                                    char* message, size_t size);
 
 /// A row's motion and wrench. IPE_OK: the estimate of e is new, by a's state; the caller starts its windows anew where that is
-/// TAKEN or OTHER. IPE_NOT_READY: nothing new.
+/// TAKEN, OTHER or FAILED, since those open are of two bodies. IPE_NOT_READY: nothing new.
 ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                    const ipe_motion_t* motion, const ipe_wrench_t* wrench);
 

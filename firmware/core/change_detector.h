@@ -79,8 +79,7 @@ bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, const ipe_bo
 /// Noise scale that steps are solved with, ipe_body_step_solve().
 double ipe_change_detector_scale(const ipe_change_detector_t* d);
 
-/// A change that was found elsewhere begins, or goes on: the contest that runs is over, and a suspicion within the next second
-/// is the same change.
+/// A change was found elsewhere: the contest that runs is over, and a suspicion within the next second is the same change.
 void ipe_change_detector_restart_after_change(ipe_change_detector_t* d);
 
 /// A contest runs.

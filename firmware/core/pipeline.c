@@ -150,7 +150,7 @@ static bool follow_contact(ipe_pipeline_t* p, int64_t t_ns, const ipe_motion_t* 
     p->n_announced_other += a->state == IPE_ANNOUNCEMENT_OTHER;
     p->n_announced_failed += a->state == IPE_ANNOUNCEMENT_FAILED;
     p->n_announced_missed += a->state == IPE_ANNOUNCEMENT_MISSED;
-    if (a->state == IPE_ANNOUNCEMENT_TAKEN || a->state == IPE_ANNOUNCEMENT_OTHER) { restart_windows(p); }
+    if (a->state != IPE_ANNOUNCEMENT_MISSED) { restart_windows(p); }  // those open are of two bodies
     p->announcement = NULL;
     return status == IPE_OK;
 }
