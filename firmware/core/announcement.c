@@ -13,18 +13,19 @@
 #define WINDOW 0.04              // s: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
 #define EARLY_NS 1000000000      // before the announced time: chosen over the error of a person's or a gripper's clock
 #define PATIENCE_NS 30000000000  // after it: chosen longer than a crane driver hesitates
-#define CONTACT_MAX 3.0          // s: chosen over six times the contact of a load that is lowered at 0.1 m/s
-#define EVIDENT_WINDOWS 2        // as of a sudden change, change_detector.c
-#define FAILED_WINDOWS 5         // 50 ms: chosen over a knock
-#define SLOPE_WINDOWS 8          // 80 ms that the share is extrapolated by
-#define SHARE_STD 0.02           // at least, of a share: chosen over the error of forces and motion in time, 1 ms
-#define SLOPE_ERROR 0.25         // of an extrapolated step: chosen as what a load in an elastic sling varies it by
-#define LEAD_MAX 0.05            // s beyond the newest row: chosen short against a contact of 0.5 s
-#define RESTING 0.02             // of the share, between two halves of 0.2 s: chosen as SHARE_STD
-#define AGREES 3.0               // sigmas of a share from 1
-#define RELATIVE_STD_MAX 0.5     // of the mass: what is less certain is no announcement
+#define GAP_SHARE 0.3            // of a window, 2.4 rows at least: chosen so that one lost row restarts no window
+#define CONTACT_MAX_NS 3000000000  // chosen over six times the contact of a load that is lowered at 0.1 m/s
+#define EVIDENT_WINDOWS 2          // as of a sudden change, change_detector.c
+#define FAILED_WINDOWS 5           // 50 ms: chosen over a knock
+#define SLOPE_WINDOWS 8            // 80 ms that the share is extrapolated by
+#define SHARE_STD 0.02             // at least, of a share: chosen over the error of forces and motion in time, 1 ms
+#define SLOPE_ERROR 0.25           // of an extrapolated step: chosen as what a load in an elastic sling varies it by
+#define LEAD_MAX 0.05              // s beyond the newest row: chosen short against a contact of 0.5 s
+#define RESTING 0.02               // of the share, between two halves of 0.2 s: chosen as SHARE_STD
+#define AGREES 3.0                 // sigmas of a share from 1
+#define RELATIVE_STD_MAX 0.5       // of the mass: what is less certain is no announcement
 
-#define ROUNDING 1e-6            // of a sum of moments that was computed elsewhere
+#define ROUNDING 1e-6              // of a sum of moments that was computed elsewhere
 
 enum { MASS = 0, MASS_STD = 1, COG = 2, COG_STD = 5, INERTIA = 8, INERTIA_STD = 14 };
 
@@ -82,7 +83,7 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
     a->relative_std = body[MASS_STD] / mass;
     a->from_ns = from_ns;
     a->state = IPE_ANNOUNCEMENT_WAITS;
-    ipe_window_init_length(&a->window, config, WINDOW, period);
+    ipe_window_init_length(&a->window, config, WINDOW, GAP_SHARE, period);
     return IPE_OK;
 }
 
@@ -207,11 +208,7 @@ static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t
     double resting;
     keep_share(a, 1e-9 * (double)(shown->t_ns - a->contact_ns), shown->share);
     extrapolate(a, next, shown->share, shown->share_std);  // to when the next estimate replaces this one
-    if (is_resting(a, shown->share_std, &resting)) {
-        take(a, e, config, resting, shown->share_std);
-    } else if (now > CONTACT_MAX) {
-        break_off(a, e);
-    }
+    if (is_resting(a, shown->share_std, &resting)) { take(a, e, config, resting, shown->share_std); }
 }
 
 /// By what the contact has done to the body, where one is under way; else the filter's own.
@@ -224,12 +221,22 @@ static ipe_status_t publish(const ipe_announcement_t* a, ipe_estimator_t* e, con
     return ipe_estimator_publish_moved(e, config, t_ns, step, std);
 }
 
+/// Whether windows end or not; or the clock was stepped back.
+static bool is_too_long(const ipe_announcement_t* a, int64_t t_ns)
+{
+    return a->state == IPE_ANNOUNCEMENT_CONTACT && (t_ns < a->contact_ns || t_ns > a->contact_ns + CONTACT_MAX_NS);
+}
+
 ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                    const ipe_motion_t* motion, const ipe_wrench_t* wrench)
 {
     shown_t shown;
     if (a->state != IPE_ANNOUNCEMENT_WAITS && a->state != IPE_ANNOUNCEMENT_CONTACT) { return IPE_NOT_READY; }
     if (a->state == IPE_ANNOUNCEMENT_WAITS && t_ns > a->from_ns + PATIENCE_NS) { a->state = IPE_ANNOUNCEMENT_MISSED; }
+    if (is_too_long(a, t_ns)) {
+        break_off(a, e);
+        return publish(a, e, config, t_ns);
+    }
     if (t_ns < a->from_ns - EARLY_NS || a->state == IPE_ANNOUNCEMENT_MISSED) { return IPE_NOT_READY; }
     if (!look(a, e, config, t_ns, motion, wrench, &shown)) { return IPE_NOT_READY; }
     a->n_evident = shown.is_evident ? a->n_evident + 1 : 0;

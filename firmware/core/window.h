@@ -69,6 +69,7 @@ typedef struct {
     int n_cables;
     int n_channels;        ///< in use: IPE_CHANNEL_F + 2 n_cables
     double window_length;  ///< s, as configured
+    double gap_share;      ///< of the length, gap that does no harm
     double max_age;        ///< s, gap that restarts the windows whatever the sample rate
     double period;         ///< s between rows; 0: being measured
     double length;         ///< s, 4 whole numbers of periods
@@ -98,8 +99,10 @@ typedef struct {
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);
 
-/// The same with windows of another length, s; period: s between rows where it is known already, else 0.
-void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double period);
+/// The same with windows of another length, s, that a gap of gap_share of it does not restart; period: s between rows where it
+/// is known already, else 0.
+void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double gap_share,
+                            double period);
 
 /// Throw the open windows away: rows to come do not fit those in them.
 void ipe_window_restart(ipe_window_t* x);

@@ -850,20 +850,31 @@ static void expect_point(double mass)
     ipe_pipeline_expect(&pipeline, &announcement);
 }
 
+/// Sample k with share times the mass at LOAD_AT.
+static ideal_t loaded(int k, double share, double mass)
+{
+    double load[IPE_NP] = {share * mass};
+    ipe_body_shift(LOAD_AT, load, NULL);
+    for (int i = 0; i < IPE_NP; ++i) { load[i] += truth[i]; }
+    return share > 0.0 ? ideal_at(&config, 1e-3 * k, load) : sample[k];
+}
+
+static double share_at(int k, int contact)
+{
+    return fmin(1.0, fmax(0.0, (double)(k - contact) / LOADED));
+}
+
 /// From sample `first` on, until `end`; `mass` is taken up at LOAD_AT within LOADED ms from sample `contact` on. The time in
 /// ms at which the published mass is within 3 % of the true one and stays there.
 static int carry(int first, int end, double mass, int contact)
 {
     int right = end;
     for (int k = first; k < end; ++k) {
-        const double share = fmin(1.0, fmax(0.0, (double)(k - contact) / LOADED));
-        double load[IPE_NP] = {share * mass};
-        ipe_body_shift(LOAD_AT, load, NULL);
-        for (int i = 0; i < IPE_NP; ++i) { load[i] += truth[i]; }
-        const ideal_t x = share > 0.0 ? ideal_at(&config, 1e-3 * k, load) : sample[k];
+        const double share = share_at(k, contact), body = 161.058 + share * mass;
+        const ideal_t x = loaded(k, share, mass);
         push_ideal(&pipeline, &x, k);
         (void)drain(&pipeline);
-        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - load[0]) < 0.03 * load[0];
+        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - body) < 0.03 * body;
         right = is_right ? (right == end ? k : right) : end;
     }
     return right;
@@ -988,6 +999,92 @@ static void test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before
     TEST_ASSERT_EQUAL_UINT64(2, pipeline.estimator.estimate.n_changes);  // there and back
 }
 
+static void test_expect_contact_is_followed_though_rows_are_lost(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);  // given
+    expect_point(50.0);
+    int right = 0;
+    for (int k = LEARNT; k < ENDED && right == 0; ++k) {
+        const ideal_t x = loaded(k, share_at(k, ANNOUNCED), 50.0);
+        if (k % 25 != 0) { push_ideal(&pipeline, &x, k); }  // when: no 40 ms are whole
+        (void)drain(&pipeline);
+        if (k > ANNOUNCED + LOADED && fabs(pipeline.estimator.estimate.body.mass - 211.058) < 6.0) { right = k; }
+    }
+    TEST_ASSERT_INT_WITHIN(100, ANNOUNCED + LOADED, right);  // then
+}
+
+/// A contact that began at ANNOUNCED and is not over, 350 ms later.
+static void begin_contact(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);
+    expect_point(50.0);
+    announcement.from_ns -= (announcement.from_ns - pipeline.window.origin_ns) % (10 * MS);  // windows end together
+    (void)carry(LEARNT, ANNOUNCED + 350, 50.0, ANNOUNCED);
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_CONTACT, announcement.state);
+    TEST_ASSERT_TRUE(pipeline.estimator.estimate.is_provisional);
+}
+
+static void assert_is_broken_off(void)
+{
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_FAILED, announcement.state);
+    TEST_ASSERT_NULL(pipeline.announcement);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.failed"));
+    TEST_ASSERT_FALSE(pipeline.estimator.estimate.is_provisional);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 161.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_expect_contact_without_windows_ends_after_3_s(void)
+{
+    begin_contact();  // given
+    for (int k = ANNOUNCED + 350; k < ANNOUNCED + 3150; ++k) {
+        const ideal_t x = loaded(k, 0.7, 50.0);
+        if (k % 40 < 20) { push_ideal(&pipeline, &x, k); }  // when: gaps of 20 ms
+        (void)drain(&pipeline);
+        if (k < ANNOUNCED + 3000) { TEST_ASSERT_NOT_NULL(pipeline.announcement); }
+    }
+    assert_is_broken_off();  // then
+}
+
+static void test_expect_load_that_never_rests_ends_the_contact_after_3_s(void)
+{
+    begin_contact();  // given
+    for (int k = ANNOUNCED + 350; k < ANNOUNCED + 3150; ++k) {
+        const ideal_t x = loaded(k, 0.7 + 0.3e-3 * (k - ANNOUNCED - 350), 50.0);
+        push_ideal(&pipeline, &x, k);  // when
+        (void)drain(&pipeline);
+        if (k < ANNOUNCED + 3000) { TEST_ASSERT_NOT_NULL(pipeline.announcement); }
+    }
+    assert_is_broken_off();  // then
+}
+
+/// Windows that reached the filter or a contest.
+static uint64_t n_reached(void)
+{
+    return pipeline.estimator.rls.n_updates + pipeline.estimator.change_detector.n_held;
+}
+
+static void test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published(void)
+{
+    begin_contact();  // given
+    other = pipeline;
+    const ipe_announcement_t begun = announcement;
+    for (int shift = 0; shift < 100; shift += 10) {  // at each phase of the windows of 0.4 s
+        pipeline = other, announcement = begun;
+        const int end = ANNOUNCED + 350 + shift;
+        int left = ENDED;
+        const uint64_t used = n_reached();
+        for (int k = ANNOUNCED + 350; k < end + 400; ++k) {
+            const ideal_t x = loaded(k, k < end ? 0.7 : 0.0, 50.0);
+            push_ideal(&pipeline, &x, k);  // when
+            pipeline.estimator.nis = NAN;
+            (void)drain(&pipeline);
+            if (pipeline.announcement == NULL && left == ENDED) { left = k; }
+            if (k < left + 350) { TEST_ASSERT_EQUAL_UINT64(used, n_reached()); }  // then
+        }
+        TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_FAILED, announcement.state);
+    }
+}
+
 static void test_reset_forgets_what_is_expected(void)
 {
     expect_point(50.0);                       // given
@@ -1064,6 +1161,10 @@ int main(void)
     RUN_TEST(test_expect_payload_that_never_comes_changes_nothing);
     RUN_TEST(test_expect_payload_that_comes_late_is_followed);
     RUN_TEST(test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before);
+    RUN_TEST(test_expect_contact_is_followed_though_rows_are_lost);
+    RUN_TEST(test_expect_contact_without_windows_ends_after_3_s);
+    RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
+    RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
     RUN_TEST(test_reset_forgets_what_is_expected);
     RUN_TEST(test_announcement_odd_numbers_are_refused_with_a_reason);
     return UNITY_END();
