@@ -1013,6 +1013,24 @@ static void test_expect_contact_is_followed_though_rows_are_lost(void)
     TEST_ASSERT_INT_WITHIN(100, ANNOUNCED + LOADED, right);  // then
 }
 
+static void test_expect_payload_is_followed_without_a_force_sensor(void)
+{
+    int right = 0;
+    for (int k = 0; k < ANNOUNCED + 1000; ++k) {
+        const double share = share_at(k, ANNOUNCED);
+        ideal_t x = loaded(k, share, 50.0);
+        if (k >= 6000) { x.f[1] = 0.0; }  // given
+        if (k == LEARNT) { expect_point(50.0); }
+        push_ideal(&pipeline, &x, k);     // when
+        (void)drain(&pipeline);
+        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - 161.058 - share * 50.0) < 6.0;
+        right = is_right && right > 0 ? right : is_right ? k : 0;
+    }
+    TEST_ASSERT_EQUAL_UINT32(2, pipeline.stuck_sensor.unknown);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));  // then
+    TEST_ASSERT_LESS_THAN_INT(ANNOUNCED + LOADED + 100, right);
+}
+
 /// A contact that began at ANNOUNCED and is not over, 350 ms later.
 static void begin_contact(void)
 {
@@ -1162,6 +1180,7 @@ int main(void)
     RUN_TEST(test_expect_payload_that_comes_late_is_followed);
     RUN_TEST(test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before);
     RUN_TEST(test_expect_contact_is_followed_though_rows_are_lost);
+    RUN_TEST(test_expect_payload_is_followed_without_a_force_sensor);
     RUN_TEST(test_expect_contact_without_windows_ends_after_3_s);
     RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
     RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
