@@ -8,7 +8,6 @@
 
 #include "inertiad_lcm_order_item_t.h"
 
-#include <assert.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -123,18 +122,6 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
                   rejecting == NULL ? "" : rejecting);
 }
 
-/// Write the numbers into ORDER, three in each item.
-static void order_expectation(daemon_t* d, const ipe_expectation_t* expected)
-{
-    enum { IN_ITEM = 3, NUMBERS = INERTIAD_LCM_ORDER_ITEM_T_EXPECT_ITEMS * IN_ITEM };
-    double number[NUMBERS] = {0.0};
-    static_assert(sizeof expected->number <= sizeof number, "EXPECT_ITEMS hold the numbers");
-    memcpy(number, expected->number, sizeof expected->number);
-    for (int i = 0; i < NUMBERS; i += IN_ITEM) {
-        ipe_publish_order(&d->publisher, IPE_COMMAND_EXPECT, expected->t_ns, number + i);
-    }
-}
-
 static answer_t expect(daemon_t* d, const ipe_command_t* command)
 {
     ipe_expectation_t expected;
@@ -146,17 +133,20 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
         return answer(false, "the payload announced before is coming into contact");
     }
     const int64_t now_ns = daemon_now(d);
-    const int64_t sent_ns = d->n_interfaces == 0 ? command->t_ns : now_ns;  // the time of recorded input is another one
-    const double ahead = 1e-9 * ((double)expected.t_ns - (double)sent_ns);
+    // the time of recorded input is another one
+    const int64_t sent_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, command->t_ns) : now_ns;
+    if (ipe_command_contact(command, &expected, sent_ns, &expected.t_ns) != 0) {
+        return answer(false, "t_ns: is no host time; allowed: 0 to %lld s, in ns", IPE_TIME_MAX_NS / NS_PER_S);
+    }
+    const double ahead = 1e-9 * (double)(expected.t_ns - now_ns);
     if (!(ahead >= 0.0 && ahead <= EXPECT_AHEAD_MAX)) {
         return answer(false, "t_ns: %.3f s from now; allowed: 0 to %.0f s", ahead, EXPECT_AHEAD_MAX);
     }
-    expected.t_ns += now_ns - sent_ns;
     if (ipe_announcement_init(&d->announcement, &d->pipeline->config, expected.number, expected.t_ns,
                               d->pipeline->window.period, text, sizeof text) != IPE_OK) {
         return answer(false, "%s", text);
     }
-    order_expectation(d, &expected);
+    ipe_publish_expectation(&d->publisher, now_ns, &expected);
     ipe_pipeline_expect(d->pipeline, &d->announcement);
     d->announcement_reported = d->announcement.state;
     return answer(true, "%.4g +- %.2g kg in %.3f s", expected.number[0], expected.number[1], ahead);
