@@ -158,11 +158,22 @@ static void learn_noise(ipe_estimator_t* e, int n_unknown, double innovation[IPE
     ipe_noise_push(&e->noise, innovation, S);
 }
 
+/// The least share of what is known of n parameters from the first on that is left once they are loosened by std.
+static double known_share(const ipe_estimator_t* e, const double* std, int first, int n)
+{
+    double share = 1.0;
+    for (int i = first; i < first + n; ++i) {
+        const double known = ipe_rls_std(&e->rls, i);
+        share = fmin(share, known * known / (known * known + std[i] * std[i]));
+    }
+    return share;
+}
+
 /// A new payload, of which this much is not known; what is known of the sensors stays. A known pose is new again.
 static void loosen_theta(ipe_estimator_t* e, const double std[IPE_NP])
 {
+    ipe_eiv_correction_loosen(&e->eiv_correction, known_share(e, std, 0, 4), known_share(e, std, 4, 6));
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&e->rls, i, std[i] * std[i]); }
-    memset(&e->eiv_correction, 0, sizeof e->eiv_correction);
     ipe_noise_restart(&e->noise);
     ipe_misfit_score_restart(&e->misfit_score);
     ipe_pose_dwell_restart(&e->pose_dwell);
@@ -174,6 +185,7 @@ static void loosen_to_any_payload(ipe_estimator_t* e, const ipe_config_t* config
     double std[IPE_NP];
     ipe_prior_payload_std(config, std);
     loosen_theta(e, std);
+    memset(&e->eiv_correction, 0, sizeof e->eiv_correction);
 }
 
 void ipe_estimator_move(ipe_estimator_t* e, const ipe_config_t* config, const double step[IPE_NP],

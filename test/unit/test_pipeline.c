@@ -1031,6 +1031,31 @@ static void test_expect_payload_is_followed_without_a_force_sensor(void)
     TEST_ASSERT_LESS_THAN_INT(ANNOUNCED + LOADED + 100, right);
 }
 
+static void test_expect_noise_of_the_regressor_is_corrected_as_far_as_theta_stays_known(void)
+{
+    const double step[IPE_NP] = {0.0};
+    for (int k = 0; k < LEARNT; ++k) {  // given: a noisy IMU
+        ideal_t x = sample[k];
+        for (int i = 0; i < 3; ++i) { x.acc[i] += 0.05 * normal(&seed), x.gyro[i] += 0.005 * normal(&seed); }
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+    }
+    const ipe_estimator_t before = pipeline.estimator;
+    const float* was = before.eiv_correction.sum;
+    TEST_ASSERT_TRUE(was[0] > 0.0F && was[3] > 0.0F);
+    for (int n_sigmas = 0; n_sigmas < 3; ++n_sigmas) {  // when: theta is loosened by as many of its sigmas
+        double std[IPE_NP];
+        for (int i = 0; i < IPE_NP; ++i) { std[i] = (i < 4 ? 0 : n_sigmas) * ipe_rls_std(&before.rls, i); }
+        pipeline.estimator = before;
+        ipe_estimator_move(&pipeline.estimator, &config, step, std);
+        const float* is = pipeline.estimator.eiv_correction.sum;
+        TEST_ASSERT_FLOAT_WITHIN(1e-6F * was[0], was[0], is[0]);  // then
+        TEST_ASSERT_FLOAT_WITHIN(1e-3F * was[3], was[3] / (float)(1 + n_sigmas * n_sigmas), is[3]);
+    }
+    ipe_estimator_move(&pipeline.estimator, &config, step, NULL);
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, pipeline.estimator.eiv_correction.sum[3]);
+}
+
 /// A contact that began at ANNOUNCED and is not over, 350 ms later.
 static void begin_contact(void)
 {
@@ -1181,6 +1206,7 @@ int main(void)
     RUN_TEST(test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before);
     RUN_TEST(test_expect_contact_is_followed_though_rows_are_lost);
     RUN_TEST(test_expect_payload_is_followed_without_a_force_sensor);
+    RUN_TEST(test_expect_noise_of_the_regressor_is_corrected_as_far_as_theta_stays_known);
     RUN_TEST(test_expect_contact_without_windows_ends_after_3_s);
     RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
     RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
