@@ -258,6 +258,7 @@ static void copy_estimate(inertiad_lcm_estimate_t* to, const ipe_estimate_t* fro
     to->distance = from->distance;
     to->nis = from->nis;
     to->n_changes = (int64_t)from->n_changes;
+    to->provisional = from->is_provisional ? 1 : 0;
 }
 
 static bool all_are_finite(const double* value, size_t n)
