@@ -260,7 +260,11 @@ static void report_announcement(daemon_t* d)
     if (state == IPE_ANNOUNCEMENT_CONTACT || state == IPE_ANNOUNCEMENT_FAILED) {
         d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
     }
-    if (state >= IPE_ANNOUNCEMENT_CONTACT) { ipe_publish_event(&d->publisher, d->last_row_ns, "expect", TEXT[state]); }
+    if (state < IPE_ANNOUNCEMENT_CONTACT) { return; }
+    const bool was_blind = state == IPE_ANNOUNCEMENT_MISSED && !d->announcement.has_looked;
+    ipe_publish_event(&d->publisher, d->last_row_ns, "expect",
+                      was_blind ? "the announced payload was not looked for: the noise is not learnt yet"
+                                : TEXT[state]);
 }
 
 static void report_force_delay(daemon_t* d)

@@ -3,7 +3,6 @@
 
 #include "body.h"
 #include "cable_inertia.h"
-#include "consistency.h"
 #include "smallmat.h"
 
 #include <math.h>
@@ -41,9 +40,20 @@ static void theta_at_imu(const ipe_config_t* config, double mass, const double c
     ipe_body_shift(d, theta, NULL);
 }
 
+/// Is tr(J)/2 E - J, the second moments of the mass, positive semidefinite but for rounding? J may be 0: of a point.
+static bool has_second_moments(const double J[6])
+{
+    const double half = 0.5 * (J[0] + J[1] + J[2]);
+    double largest = 0.0;
+    for (int i = 0; i < 6; ++i) { largest = fmax(largest, fabs(J[i])); }
+    const double e = ROUNDING * largest;
+    double M[3][3] = {{half - J[0] + e}, {-J[5], half - J[1] + e}, {-J[4], -J[3], half - J[2] + e}};
+    return largest == 0.0 || cholesky(&M[0][0], 3);
+}
+
 static const char* find_mistake(const double body[IPE_ANNOUNCEMENT_NUMBERS])
 {
-    const double mass = fabs(body[MASS]), *J = body + INERTIA;
+    const double mass = fabs(body[MASS]);
     bool is_negative = body[MASS_STD] < 0.0;
     for (int i = 0; i < 3; ++i) { is_negative |= body[COG_STD + i] < 0.0; }
     for (int i = 0; i < 6; ++i) { is_negative |= body[INERTIA_STD + i] < 0.0; }
@@ -51,10 +61,7 @@ static const char* find_mistake(const double body[IPE_ANNOUNCEMENT_NUMBERS])
     if (mass == 0.0) { return "mass: must not be 0"; }
     if (is_negative) { return "a standard deviation is negative"; }
     if (body[MASS_STD] > RELATIVE_STD_MAX * mass) { return "mass_std: must be at most half of the mass"; }
-    for (int i = 0; i < 3; ++i) {
-        const double a = J[i], b = J[(i + 1) % 3], c = J[(i + 2) % 3];
-        if (a < 0.0 || a > (1.0 + ROUNDING) * (b + c)) { return "inertia_cog: no body has these moments"; }
-    }
+    if (!has_second_moments(body + INERTIA)) { return "inertia_cog: no body has these moments"; }
     return NULL;
 }
 
@@ -107,6 +114,7 @@ static __attribute__((noinline)) bool look(ipe_announcement_t* a, ipe_estimator_
     if (ipe_cable_inertia_add(config, &average) != IPE_OK) { return false; }
     *shown = (shown_t){.t_ns = average.t_ns, .share_std = 1.0};
     if (ipe_estimator_contrast(e, config, &average, &sums) != IPE_OK) { return true; }
+    a->has_looked = true;
     ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d), &fit, &shown->share, &shown->share_std);
     shown->is_evident = shown->share > 0.0 && ipe_change_detector_is_evident(d, &sums, &fit);
     return true;

@@ -45,6 +45,7 @@ typedef struct {
     double std[IPE_NP];                     ///< of that where its mass is known
     double relative_std;                    ///< of its mass
     ipe_window_t window;
+    bool has_looked;                        ///< a window could be compared: the noise was known
     int n_evident;                          ///< windows in a row, up to now, that show a share
     int n_failed;                           ///< in a contact: windows in a row that do not
     int64_t contact_ns;                     ///< first window of the contact
