@@ -129,9 +129,6 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     if (ipe_command_expectation(command, &expected) != 0) {
         return answer(false, "its content is no expectation_t of this version");
     }
-    if (d->pipeline->announcement != NULL && d->pipeline->announcement->state == IPE_ANNOUNCEMENT_CONTACT) {
-        return answer(false, "the payload announced before is coming into contact");
-    }
     const int64_t now_ns = daemon_now(d);
     // the time of recorded input is another one
     const int64_t sent_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, command->t_ns) : now_ns;
@@ -142,12 +139,11 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     if (!(ahead >= 0.0 && ahead <= EXPECT_AHEAD_MAX)) {
         return answer(false, "t_ns: %.3f s from now; allowed: 0 to %.0f s", ahead, EXPECT_AHEAD_MAX);
     }
-    if (ipe_announcement_init(&d->announcement, &d->pipeline->config, expected.number, expected.t_ns,
-                              d->pipeline->window.period, text, sizeof text) != IPE_OK) {
+    if (ipe_pipeline_expect(d->pipeline, &d->announcement, expected.number, expected.t_ns, text, sizeof text) !=
+        IPE_OK) {
         return answer(false, "%s", text);
     }
     ipe_publish_expectation(&d->publisher, now_ns, &expected);
-    ipe_pipeline_expect(d->pipeline, &d->announcement);
     d->announcement_reported = d->announcement.state;
     return answer(true, "%.4g +- %.2g kg in %.3f s", expected.number[0], expected.number[1], ahead);
 }

@@ -230,9 +230,16 @@ void ipe_pipeline_reset(ipe_pipeline_t* p)
     if (had_delay) { undelay_forces(p); }
 }
 
-void ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a)
+ipe_status_t ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a, const double body[IPE_ANNOUNCEMENT_NUMBERS],
+                                 int64_t from_ns, char* message, size_t size)
 {
-    p->announcement = a;
+    if (is_in_contact(p)) {
+        (void)snprintf(message, size, "the payload announced before is coming into contact");
+        return IPE_ERR_RANGE;
+    }
+    const ipe_status_t status = ipe_announcement_init(a, &p->config, body, from_ns, p->window.period, message, size);
+    if (status == IPE_OK) { p->announcement = a; }
+    return status;
 }
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
@@ -245,6 +252,10 @@ void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_estimator_t* estimator, const double gyro_bias[3])
 {
     ipe_estimator_continue(&p->estimator, estimator);
+    if (p->estimator.estimate.is_provisional) {  // nobody follows the contact any more: the body before again
+        ++p->estimator.change_detector.n_changes;
+        (void)ipe_estimator_publish(&p->estimator, &p->config, p->estimator.estimate.t_ns);
+    }
     undelay_forces(p);
     ipe_pipeline_set_gyro_bias(p, gyro_bias);
 }

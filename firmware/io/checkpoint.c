@@ -80,7 +80,7 @@ static bool has_plausible_counts(const ipe_estimator_t* e)
            are_times(times, sizeof times / sizeof times[0]) && are_times(e->misfit_score.begin_ns, IPE_MISFIT_SCALES) &&
            are_times(e->restored_ns, IPE_CABLES_MAX) && are_bools(&e->filter_states.has_patterns, 1) &&
            are_bools(e->estimate.observable, IPE_NP) && are_bools(&e->estimate.consistent, 1) &&
-           are_bools(&e->estimate.is_misfit, 1);
+           are_bools(&e->estimate.is_misfit, 1) && are_bools(&e->estimate.is_provisional, 1);
 }
 
 static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* p)

@@ -844,10 +844,9 @@ static void expect_point(double mass)
 {
     double number[IPE_ANNOUNCEMENT_NUMBERS];
     announce_point(mass, number);
-    const ipe_status_t status = ipe_announcement_init(&announcement, &config, number, START + ANNOUNCED * MS,
-                                                      pipeline.window.period, message, sizeof message);
+    const ipe_status_t status =
+        ipe_pipeline_expect(&pipeline, &announcement, number, START + ANNOUNCED * MS, message, sizeof message);
     TEST_ASSERT_EQUAL_INT_MESSAGE(IPE_OK, status, message);
-    ipe_pipeline_expect(&pipeline, &announcement);
 }
 
 /// Sample k with share times the mass at LOAD_AT.
@@ -1129,9 +1128,36 @@ static void test_expect_no_window_of_two_bodies_is_used_where_none_can_be_publis
     }
 }
 
+static void test_expect_in_a_contact_is_refused_and_changes_nothing(void)
+{
+    double number[IPE_ANNOUNCEMENT_NUMBERS];
+    begin_contact();  // given
+    const ipe_announcement_t before = announcement;
+    announce_point(20.0, number);
+    const ipe_status_t status = ipe_pipeline_expect(&pipeline, &announcement, number, START + ENDED * MS, message,
+                                                    sizeof message);  // when
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, status);                     // then
+    TEST_ASSERT_EQUAL_STRING("the payload announced before is coming into contact", message);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &announcement, sizeof before);
+}
+
+static void test_expect_contact_is_broken_off_where_another_pipeline_goes_on(void)
+{
+    const double no_bias[3] = {0.0};
+    begin_contact();  // given
+    const uint64_t n_changes = pipeline.estimator.change_detector.n_changes;
+    init(&other);
+    ipe_pipeline_continue(&other, &pipeline.estimator, no_bias);  // when
+    const ipe_estimate_t* e = &other.estimator.estimate;          // then
+    TEST_ASSERT_FALSE(e->is_provisional);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 161.058, e->body.mass);
+    TEST_ASSERT_EQUAL_UINT64(n_changes + 1, e->n_changes);
+}
+
 static void test_reset_forgets_what_is_expected(void)
 {
     expect_point(50.0);                       // given
+    TEST_ASSERT_EQUAL_PTR(&announcement, pipeline.announcement);
     ipe_pipeline_reset(&pipeline);            // when
     TEST_ASSERT_NULL(pipeline.announcement);  // then
 }
@@ -1150,7 +1176,8 @@ static void test_announcement_odd_numbers_are_refused_with_a_reason(void)
                {1, 30.0, "mass_std: must be at most half of the mass"},
                {8, 5.0, "inertia_cog: no body has these moments"},
                {9, -1.0, "inertia_cog: no body has these moments"},
-               {3, INFINITY, "a number is not finite"}};
+               {3, INFINITY, "a number is not finite"},
+               {11, 0.5, "inertia_cog: no body has these moments"}};
     for (size_t i = 0; i < sizeof ODD / sizeof ODD[0]; ++i) {
         double number[IPE_ANNOUNCEMENT_NUMBERS];
         announce_point(50.0, number);  // given
@@ -1211,6 +1238,8 @@ int main(void)
     RUN_TEST(test_expect_contact_without_windows_ends_after_3_s);
     RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
     RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
+    RUN_TEST(test_expect_in_a_contact_is_refused_and_changes_nothing);
+    RUN_TEST(test_expect_contact_is_broken_off_where_another_pipeline_goes_on);
     RUN_TEST(test_reset_forgets_what_is_expected);
     RUN_TEST(test_announcement_odd_numbers_are_refused_with_a_reason);
     return UNITY_END();
