@@ -9,20 +9,20 @@
 #include <stdio.h>
 #include <string.h>
 
-#define WINDOW 0.04              // s: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
+#define WINDOW \
+    0.04  // s, at least 8 rows: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
 #define EARLY_NS 1000000000      // before the announced time: chosen over the error of a person's or a gripper's clock
 #define PATIENCE_NS 30000000000  // after it: chosen longer than a crane driver hesitates
 #define GAP_SHARE 0.3            // of a window, 2.4 rows at least: chosen so that one lost row restarts no window
 #define CONTACT_MAX_NS 3000000000  // chosen over six times the contact of a load that is lowered at 0.1 m/s
-#define EVIDENT_WINDOWS 2          // as of a sudden change, change_detector.c
-#define FAILED_WINDOWS 5           // 50 ms: chosen over a knock
-#define SLOPE_WINDOWS 8            // 80 ms that the share is extrapolated by
+#define FAILED_WINDOWS 5           // 50 ms at 200 Hz and more: chosen over a knock
+#define SLOPE_WINDOWS 8            // 80 ms at 200 Hz and more, that the share is extrapolated by
 #define SHARE_STD 0.02             // at least, of a share: chosen over the error of forces and motion in time, 1 ms
 #define SLOPE_ERROR 0.25           // of an extrapolated step: chosen as what a load in an elastic sling varies it by
 #define LEAD_MAX 0.05              // s beyond the newest row: chosen short against a contact of 0.5 s
-#define RESTING 0.02               // of the share, between two halves of 0.2 s: chosen as SHARE_STD
+#define RESTING 0.02               // of the share, between two halves of what is kept: chosen as SHARE_STD
 #define AGREES 3.0                 // sigmas of a share from 1
-#define RELATIVE_STD_MAX 0.5       // of the mass: what is less certain is no announcement
+#define RELATIVE_STD_MAX 0.5       // of the mass: what is less certain is no announcement; "half" in words
 
 #define ROUNDING 1e-6              // of a sum of moments that was computed elsewhere
 
@@ -249,7 +249,9 @@ ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, co
     if (!look(a, e, config, t_ns, motion, wrench, &shown)) { return IPE_NOT_READY; }
     a->n_evident = shown.is_evident ? a->n_evident + 1 : 0;
     a->n_failed = shown.is_evident ? 0 : a->n_failed + 1;
-    if (a->state == IPE_ANNOUNCEMENT_WAITS && a->n_evident < EVIDENT_WINDOWS) { return IPE_NOT_READY; }
+    if (a->state == IPE_ANNOUNCEMENT_WAITS && a->n_evident < IPE_CHANGE_DETECTOR_SUDDEN_WINDOWS) {
+        return IPE_NOT_READY;
+    }
     if (a->state == IPE_ANNOUNCEMENT_WAITS) { begin_contact(a, e, shown.t_ns); }
     if (shown.is_evident) {
         follow(a, e, config, t_ns, &shown);

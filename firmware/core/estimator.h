@@ -80,7 +80,8 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
 /// IPE_OK; IPE_ERR_NONFINITE: a value is not finite or no body is near, counted, e->estimate as it was.
 ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
 
-/// The same of a body that differs from the states' by step +- std [10], about the IMU; marked as provisional.
+/// The same of a body that differs from the states' by step +- std [10], about the IMU, in units of theta; marked as provisional.
+/// Both finite, std not negative; the states stay as they are. A body that cannot exist is not published.
 ipe_status_t ipe_estimator_publish_moved(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                          const double step[IPE_NP], const double std[IPE_NP]);
 

@@ -908,7 +908,7 @@ static void test_expect_load_that_is_set_down_is_followed(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 131.058, pipeline.estimator.estimate.body.mass);
 }
 
-/// The same payload without announcement, in `other`'s place: when is the mass right?
+/// The same payload without announcement: when is the mass right?
 static int right_without_announcement(double mass, int contact)
 {
     init(&pipeline);
