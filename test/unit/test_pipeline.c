@@ -927,17 +927,24 @@ static void test_expect_wrong_by_a_factor_of_2_is_no_worse_than_none(void)
         const int with = carry(LEARNT, ENDED, 50.0, ANNOUNCED);  // when
         TEST_ASSERT_LESS_OR_EQUAL_INT(without, with);            // then
         TEST_ASSERT_EQUAL_UINT64(0, counter("expect.taken"));
+        TEST_ASSERT_EQUAL_UINT64(1, counter("expect.other"));
         TEST_ASSERT_DOUBLE_WITHIN(0.1, mass, pipeline.estimator.estimate.body.mass);
     }
 }
 
 static void test_expect_payload_that_never_comes_changes_nothing(void)
 {
-    (void)carry(0, LEARNT, 0.0, ENDED);      // given
+    (void)carry(0, LEARNT, 0.0, ENDED);  // given
     expect_point(50.0);
-    (void)carry(LEARNT, ENDED, 0.0, ENDED);  // when
-    const ipe_estimate_t with = pipeline.estimator.estimate;
+    announcement.from_ns -= 27000 * MS;  // so that its 30 s end at 14 s
+    (void)carry(LEARNT, ENDED - 2100, 0.0, ENDED);
     TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_WAITS, announcement.state);
+    (void)carry(ENDED - 2100, ENDED, 0.0, ENDED);  // when
+    const ipe_estimate_t with = pipeline.estimator.estimate;
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_MISSED, announcement.state);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.missed"));
+    TEST_ASSERT_TRUE(announcement.has_looked);
+    TEST_ASSERT_NULL(pipeline.announcement);
     init(&pipeline);
     (void)carry(0, ENDED, 0.0, ENDED);
     TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimator.estimate, &with, sizeof with);  // then
@@ -1106,6 +1113,40 @@ static uint64_t n_reached(void)
     return pipeline.estimator.rls.n_updates + pipeline.estimator.change_detector.n_held;
 }
 
+static void test_expect_frozen_contact_is_not_followed_and_is_broken_off_after_3_s(void)
+{
+    begin_contact();  // given
+    ipe_pipeline_freeze(&pipeline, true);
+    const ipe_estimate_t frozen = pipeline.estimator.estimate;
+    (void)carry(ANNOUNCED + 350, ANNOUNCED + 3500, 50.0, ANNOUNCED);  // when
+    TEST_ASSERT_EQUAL_MEMORY(&frozen, &pipeline.estimator.estimate, sizeof frozen);
+    TEST_ASSERT_GREATER_THAN_UINT64(25, pipeline.n_frozen);
+    TEST_ASSERT_EQUAL_UINT64(0, counter("expect.failed"));
+    ipe_pipeline_freeze(&pipeline, false);
+    (void)carry(ANNOUNCED + 3500, ANNOUNCED + 3501, 50.0, ANNOUNCED);
+    assert_is_broken_off();                                                          // then
+    (void)carry(ANNOUNCED + 3501, ENDED, 50.0, ANNOUNCED);
+    TEST_ASSERT_DOUBLE_WITHIN(2.0, 211.058, pipeline.estimator.estimate.body.mass);  // found by its windows
+}
+
+static void test_expect_contact_goes_on_after_a_gap(void)
+{
+    begin_contact();                                                  // given
+    (void)carry(ANNOUNCED + 800, ANNOUNCED + 1500, 50.0, ANNOUNCED);  // when: 450 ms are lost
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));             // then
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 211.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_expect_before_the_noise_is_learnt_is_not_looked_for(void)
+{
+    (void)carry(0, 1000, 0.0, ENDED);  // given
+    expect_point(50.0);
+    announcement.from_ns = START + 1500 * MS;
+    (void)carry(1000, 3000, 0.0, ENDED);         // when
+    TEST_ASSERT_FALSE(announcement.has_looked);  // then
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_WAITS, announcement.state);
+}
+
 static void test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published(void)
 {
     begin_contact();  // given
@@ -1237,6 +1278,9 @@ int main(void)
     RUN_TEST(test_expect_noise_of_the_regressor_is_corrected_as_far_as_theta_stays_known);
     RUN_TEST(test_expect_contact_without_windows_ends_after_3_s);
     RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
+    RUN_TEST(test_expect_frozen_contact_is_not_followed_and_is_broken_off_after_3_s);
+    RUN_TEST(test_expect_contact_goes_on_after_a_gap);
+    RUN_TEST(test_expect_before_the_noise_is_learnt_is_not_looked_for);
     RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
     RUN_TEST(test_expect_in_a_contact_is_refused_and_changes_nothing);
     RUN_TEST(test_expect_contact_is_broken_off_where_another_pipeline_goes_on);
