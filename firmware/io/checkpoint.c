@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { COUNT_MAX = 1 << 30 };  // chosen so that no count of windows reaches it, and one that begins there does not overflow
+enum { COUNT_MAX = 1 << 30 };  // chosen over all counts of windows, and so that one that begins there stays an int
 enum { VERSION = 8, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
 static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration

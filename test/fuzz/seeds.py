@@ -228,7 +228,9 @@ FRAMES = {
     + b"".join(bytes([POSITION, 0, 0]) + f64(x, 0.0, 2.0) for x in (0.0, 1e9, float("nan"))),
     "commands": bytes([FUSED]) + b"".join(command(k) + samples(60) for k in range(6)),
     "expect_and_push": bytes([FUSED]) + samples(200) + expect(255, 0.0) + patched(15, 14, 1500.0) * 8 + samples(200),
-    "expect_odd": bytes([WARM]) + b"".join(expect(k, float("nan")) + expect(k, -1e300) for k in range(20)) + samples(60),
+    "expect_odd": bytes([WARM])
+    + b"".join(expect(k, float("nan")) + expect(k, -1e300) for k in range(20))
+    + samples(60),
     "flush_and_on": bytes([WARM]) + command(5) + samples(60) + command(5) + samples(60),
 }
 

@@ -111,7 +111,7 @@ static size_t command_line(const char* digits, char line[4096])
 {
     uint8_t bytes[256];
     const inertiad_lcm_command_t command = {
-        .sequence = 7, .t_ns = 5, .kind = IPE_COMMAND_MARK, .text = (char[]){"payload on"}};
+        .sequence = 7, .t_ns = 5, .kind = IPE_COMMAND_MARK, .text = (char[]){"payload on"}, .config = (uint8_t[]){0}};
     const int n = inertiad_lcm_command_t_encode(bytes, 0, sizeof bytes, &command);
     size_t at = strlen(strcpy(line, "command "));
     for (int i = 0; i < n; ++i) {
