@@ -13,7 +13,7 @@
     0.04  // s, at least 8 rows: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
 #define EARLY_NS 1000000000      // before the announced time: chosen over the error of a person's or a gripper's clock
 #define PATIENCE_NS 30000000000  // after it: chosen longer than a crane driver hesitates
-#define GAP_SHARE 0.3            // of a window, 2.4 rows at least: chosen so that one lost row restarts no window
+#define GAP_PERMILLE 300         // of a window, 2.4 rows at least: chosen so that one lost row restarts no window
 #define CONTACT_MAX_NS 3000000000  // chosen over six times the contact of a load that is lowered at 0.1 m/s
 #define FAILED_WINDOWS 5           // 50 ms at 200 Hz and more: chosen over a knock
 #define SLOPE_WINDOWS 8            // 80 ms at 200 Hz and more, that the share is extrapolated by
@@ -90,7 +90,7 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
     a->relative_std = body[MASS_STD] / mass;
     a->from_ns = from_ns;
     a->state = IPE_ANNOUNCEMENT_WAITS;
-    ipe_window_init_length(&a->window, config, WINDOW, GAP_SHARE, period);
+    ipe_window_init_length(&a->window, config, WINDOW, GAP_PERMILLE, period);
     return IPE_OK;
 }
 

@@ -69,13 +69,13 @@ typedef struct {
     int n_cables;
     int n_channels;        ///< in use: IPE_CHANNEL_F + 2 n_cables
     double window_length;  ///< s, as configured
-    double gap_share;      ///< of the length, gap that does no harm
     double max_age;        ///< s, gap that restarts the windows whatever the sample rate
     double period;         ///< s between rows; 0: being measured
     double length;         ///< s, 4 whole numbers of periods
     double max_gap;        ///< s
 
     bool is_running;
+    int gap_permille;   ///< of the length, gap that does no harm
     int64_t origin_ns;  ///< start of window 0
     uint64_t first;     ///< index of the oldest open window
     ipe_accumulator_t open[IPE_WINDOWS_OPEN];
@@ -99,9 +99,9 @@ typedef struct {
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);
 
-/// The same with windows of another length, s, that a gap of gap_share of it does not restart; period: s between rows where it
-/// is known already, else 0.
-void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double gap_share,
+/// The same with windows of another length, s, which a gap of gap_permille / 1000 of it does not restart; period: s between rows
+/// where it is known already, else 0.
+void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, int gap_permille,
                             double period);
 
 /// Throw the open windows away: rows to come do not fit those in them.
