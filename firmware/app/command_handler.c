@@ -133,7 +133,8 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     // the time of recorded input is another one
     const int64_t sent_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, command->t_ns) : now_ns;
     if (ipe_command_contact(command, &expected, sent_ns, &expected.t_ns) != 0) {
-        return answer(false, "t_ns: is no host time; allowed: 0 to %lld s, in ns", IPE_TIME_MAX_NS / NS_PER_S);
+        return answer(false, "t_ns: is no host time; allowed: 0 to %" PRId64 " s, in ns",
+                      (int64_t)IPE_TIME_MAX_NS / NS_PER_S);
     }
     const double ahead = 1e-9 * (double)(expected.t_ns - now_ns);
     if (!(ahead >= 0.0 && ahead <= EXPECT_AHEAD_MAX)) {
