@@ -238,23 +238,31 @@ static ipe_status_t find_innovation(const ipe_estimator_t* e, const ipe_config_t
     return ipe_unknown_force_take_out(u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
 }
 
-ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average,
-                                    ipe_body_step_t* sums)
+/// Not inlined, so that restoring forces, which needs equations of its own, does not stand on these.
+static __attribute__((noinline)) ipe_status_t contrast(ipe_estimator_t* e, const ipe_config_t* config,
+                                                       const ipe_average_t* average, const ipe_unknown_force_t* u,
+                                                       ipe_body_step_t* sums)
 {
     double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX], Y[IPE_NY][IPE_NP];
     double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY] = {{0.0}};
-    ipe_unknown_force_t u;
-    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_NOT_READY; }
-    ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
-    if (status == IPE_OK) { status = restore(e, config, &u, false, average); }
-    if (status == IPE_OK) { status = build_equations(e, config, average, H, by_offset); }
-    if (status == IPE_OK) { status = find_innovation(e, config, average, &u, H, innovation, S, L); }
+    ipe_status_t status = build_equations(e, config, average, H, by_offset);
+    if (status == IPE_OK) { status = find_innovation(e, config, average, u, H, innovation, S, L); }
     if (status != IPE_OK) { return status; }
     for (int i = 0; i < IPE_NY; ++i) { memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]); }
     ipe_body_step_start(sums);
     const bool is_good = ipe_body_step_add(sums, (const double (*)[IPE_NP])Y, innovation, (const double (*)[IPE_NY])S,
                                            (const double (*)[IPE_NY])L);
     return is_good ? IPE_OK : IPE_ERR_NONFINITE;
+}
+
+ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average,
+                                    ipe_body_step_t* sums)
+{
+    ipe_unknown_force_t u;
+    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_NOT_READY; }
+    ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
+    if (status == IPE_OK) { status = restore(e, config, &u, false, average); }
+    return status == IPE_OK ? contrast(e, config, average, &u, sums) : status;
 }
 
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
