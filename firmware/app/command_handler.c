@@ -9,7 +9,6 @@
 #include "inertiad_lcm_expectation_t.h"
 #include "inertiad_lcm_order_item_t.h"
 
-#include <assert.h>
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -122,18 +121,6 @@ static answer_t configure(daemon_t* d, const ipe_command_t* command)
                   rejecting == NULL ? "" : rejecting);
 }
 
-/// Write the numbers into ORDER, three in each item.
-static void order_expectation(daemon_t* d, const ipe_expectation_t* expected)
-{
-    enum { IN_ITEM = 3, NUMBERS = INERTIAD_LCM_ORDER_ITEM_T_EXPECT_ITEMS * IN_ITEM };
-    double number[NUMBERS] = {0.0};
-    static_assert(sizeof expected->number <= sizeof number, "EXPECT_ITEMS hold the numbers");
-    memcpy(number, expected->number, sizeof expected->number);
-    for (int i = 0; i < NUMBERS; i += IN_ITEM) {
-        ipe_publish_order(&d->publisher, IPE_COMMAND_EXPECT, expected->t_ns, number + i);
-    }
-}
-
 static answer_t expect(daemon_t* d, const ipe_command_t* command)
 {
     ipe_expectation_t expected;
@@ -143,23 +130,23 @@ static answer_t expect(daemon_t* d, const ipe_command_t* command)
     }
     const ipe_announcement_t* before = d->pipeline->announcement;
     const bool replaces = before != NULL && before->state == IPE_ANNOUNCEMENT_WAITS;
-    if (before != NULL && before->state == IPE_ANNOUNCEMENT_CONTACT) {
-        return answer(false, "the payload announced before is coming into contact");
-    }
     const int64_t now_ns = daemon_now(d);
-    const int64_t sent_ns = d->n_interfaces == 0 ? command->t_ns : now_ns;  // the time of recorded input is another one
-    const double ahead = 1e-9 * ((double)expected.t_ns - (double)sent_ns);
+    // the time of recorded input is another one
+    const int64_t sent_ns = d->n_interfaces > 0 ? ipe_host_clock_map(&d->clock, command->t_ns) : now_ns;
+    if (ipe_command_contact(command, &expected, sent_ns, &expected.t_ns) != 0) {
+        return answer(false, "t_ns: is no host time; allowed: 0 to %" PRId64 " s, in ns",
+                      (int64_t)IPE_TIME_MAX_NS / NS_PER_S);
+    }
+    const double ahead = 1e-9 * (double)(expected.t_ns - now_ns);
     enum { PAST = INERTIAD_LCM_EXPECTATION_T_PAST_MAX, AHEAD = INERTIAD_LCM_EXPECTATION_T_AHEAD_MAX };
     if (!(ahead >= -PAST && ahead <= AHEAD)) {
         return answer(false, "t_ns: %.3f s from now; allowed: %d to %d s", ahead, -PAST, AHEAD);
     }
-    expected.t_ns += now_ns - sent_ns;
-    if (ipe_announcement_init(&d->announcement, &d->pipeline->config, expected.number, expected.t_ns,
-                              d->pipeline->window.period, text, sizeof text) != IPE_OK) {
+    if (ipe_pipeline_expect(d->pipeline, &d->announcement, expected.number, expected.t_ns, text, sizeof text) !=
+        IPE_OK) {
         return answer(false, "%s", text);
     }
-    order_expectation(d, &expected);
-    ipe_pipeline_expect(d->pipeline, &d->announcement);
+    ipe_publish_expectation(&d->publisher, now_ns, &expected);
     d->announcement_reported = d->announcement.state;
     return answer(true, "%.4g +- %.2g kg in %.3f s%s", expected.number[0], expected.number[1], ahead,
                   replaces ? "; replaces the payload announced before" : "");

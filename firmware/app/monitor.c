@@ -244,19 +244,27 @@ static void report_change(daemon_t* d)
     ipe_publish_event(&d->publisher, d->last_row_ns, "detect", "payload changed");
 }
 
+/// The changes of payload that an announced one makes are reported here alone.
 static void report_announcement(daemon_t* d)
 {
     static const char* const TEXT[] = {
         [IPE_ANNOUNCEMENT_CONTACT] = "the announced payload is coming into contact",
         [IPE_ANNOUNCEMENT_TAKEN] = "the announced payload is taken",
         [IPE_ANNOUNCEMENT_OTHER] = "a payload of another mass than announced is taken: it is estimated anew",
-        [IPE_ANNOUNCEMENT_FAILED] = "the contact is none of the announced payload: the estimate goes on without it",
+        [IPE_ANNOUNCEMENT_FAILED] = "the contact is broken off: the estimate is that of the body before it again",
         [IPE_ANNOUNCEMENT_MISSED] = "the announced payload did not come",
     };
     const ipe_announcement_state_t state = d->announcement.state;
     if (state == d->announcement_reported) { return; }
     d->announcement_reported = state;
-    if (state >= IPE_ANNOUNCEMENT_CONTACT) { ipe_publish_event(&d->publisher, d->last_row_ns, "expect", TEXT[state]); }
+    if (state == IPE_ANNOUNCEMENT_CONTACT || state == IPE_ANNOUNCEMENT_FAILED) {
+        d->n_changes_reported = d->pipeline->estimator.change_detector.n_changes;
+    }
+    if (state < IPE_ANNOUNCEMENT_CONTACT) { return; }
+    const bool was_blind = state == IPE_ANNOUNCEMENT_MISSED && !d->announcement.has_looked;
+    ipe_publish_event(&d->publisher, d->last_row_ns, "expect",
+                      was_blind ? "the announced payload was not looked for: the noise is not learnt yet"
+                                : TEXT[state]);
 }
 
 static void report_force_delay(daemon_t* d)
@@ -328,8 +336,8 @@ static void check_second(daemon_t* d, int64_t t_ns)
 void monitor_frame(daemon_t* d, const ipe_frame_t* frame)
 {
     if ((frame->can_id & IPE_CAN_ERR) != 0) { read_error_frame(d, frame); }
-    report_change(d);
     report_announcement(d);
+    report_change(d);
     report_force_delay(d);
     report_misfit(d);
     check_second(d, frame->t_ns);
@@ -384,8 +392,8 @@ void monitor_second(daemon_t* d)
 
 void monitor_end(daemon_t* d)
 {
-    report_change(d);
     report_announcement(d);
+    report_change(d);
     report_misfit(d);
     report_losses(d);
 }

@@ -3,28 +3,28 @@
 
 #include "body.h"
 #include "cable_inertia.h"
-#include "consistency.h"
 #include "smallmat.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#define WINDOW 0.04              // s: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
+#define WINDOW \
+    0.04  // s, at least 8 rows: chosen so that two of them are over before a controller of 1.5 Hz is 1 mm off
 #define EARLY_NS 1000000000      // before the announced time: chosen over the error of a person's or a gripper's clock
 #define PATIENCE_NS 30000000000  // after it: chosen longer than a crane driver hesitates
-#define CONTACT_MAX 3.0          // s: chosen over six times the contact of a load that is lowered at 0.1 m/s
-#define EVIDENT_WINDOWS 2        // as of a sudden change, change_detector.c
-#define FAILED_WINDOWS 5         // 50 ms: chosen over a knock
-#define SLOPE_WINDOWS 8          // 80 ms that the share is extrapolated by
-#define SHARE_STD 0.02           // at least, of a share: chosen over the error of forces and motion in time, 1 ms
-#define SLOPE_ERROR 0.25         // of an extrapolated step: chosen as what a load in an elastic sling varies it by
-#define LEAD_MAX 0.05            // s beyond the newest row: chosen short against a contact of 0.5 s
-#define RESTING 0.02             // of the share, between two halves of 0.2 s: chosen as SHARE_STD
-#define AGREES 3.0               // sigmas of a share from 1
-#define RELATIVE_STD_MAX 0.5     // of the mass: what is less certain is no announcement
+#define GAP_PERMILLE 300         // of a window, 2.4 rows at least: chosen so that one lost row restarts no window
+#define CONTACT_MAX_NS 3000000000  // chosen over six times the contact of a load that is lowered at 0.1 m/s
+#define FAILED_WINDOWS 5           // 50 ms at 200 Hz and more: chosen over a knock
+#define SLOPE_WINDOWS 8            // 80 ms at 200 Hz and more, that the share is extrapolated by
+#define SHARE_STD 0.02             // at least, of a share: chosen over the error of forces and motion in time, 1 ms
+#define SLOPE_ERROR 0.25           // of an extrapolated step: chosen as what a load in an elastic sling varies it by
+#define LEAD_MAX 0.05              // s beyond the newest row: chosen short against a contact of 0.5 s
+#define RESTING 0.02               // of the share, between two halves of what is kept: chosen as SHARE_STD
+#define AGREES 3.0                 // sigmas of a share from 1
+#define RELATIVE_STD_MAX 0.5       // of the mass: what is less certain is no announcement; "half" in words
 
-#define ROUNDING 1e-6            // of a sum of moments that was computed elsewhere
+#define ROUNDING 1e-6              // of a sum of moments that was computed elsewhere
 
 enum { MASS = 0, MASS_STD = 1, COG = 2, COG_STD = 5, INERTIA = 8, INERTIA_STD = 14 };
 
@@ -40,9 +40,20 @@ static void theta_at_imu(const ipe_config_t* config, double mass, const double c
     ipe_body_shift(d, theta, NULL);
 }
 
+/// Is tr(J)/2 E - J, the second moments of the mass, positive semidefinite but for rounding? J may be 0: of a point.
+static bool has_second_moments(const double J[6])
+{
+    const double half = 0.5 * (J[0] + J[1] + J[2]);
+    double largest = 0.0;
+    for (int i = 0; i < 6; ++i) { largest = fmax(largest, fabs(J[i])); }
+    const double e = ROUNDING * largest;
+    double M[3][3] = {{half - J[0] + e}, {-J[5], half - J[1] + e}, {-J[4], -J[3], half - J[2] + e}};
+    return largest == 0.0 || cholesky(&M[0][0], 3);
+}
+
 static const char* find_mistake(const double body[IPE_ANNOUNCEMENT_NUMBERS])
 {
-    const double mass = fabs(body[MASS]), *J = body + INERTIA;
+    const double mass = fabs(body[MASS]);
     bool is_negative = body[MASS_STD] < 0.0;
     for (int i = 0; i < 3; ++i) { is_negative |= body[COG_STD + i] < 0.0; }
     for (int i = 0; i < 6; ++i) { is_negative |= body[INERTIA_STD + i] < 0.0; }
@@ -50,10 +61,7 @@ static const char* find_mistake(const double body[IPE_ANNOUNCEMENT_NUMBERS])
     if (mass == 0.0) { return "mass: must not be 0"; }
     if (is_negative) { return "a standard deviation is negative"; }
     if (body[MASS_STD] > RELATIVE_STD_MAX * mass) { return "mass_std: must be at most half of the mass"; }
-    for (int i = 0; i < 3; ++i) {
-        const double a = J[i], b = J[(i + 1) % 3], c = J[(i + 2) % 3];
-        if (a < 0.0 || a > (1.0 + ROUNDING) * (b + c)) { return "inertia_cog: no body has these moments"; }
-    }
+    if (!has_second_moments(body + INERTIA)) { return "inertia_cog: no body has these moments"; }
     return NULL;
 }
 
@@ -82,7 +90,7 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
     a->relative_std = body[MASS_STD] / mass;
     a->from_ns = from_ns;
     a->state = IPE_ANNOUNCEMENT_WAITS;
-    ipe_window_init_length(&a->window, config, WINDOW, period);
+    ipe_window_init_length(&a->window, config, WINDOW, GAP_PERMILLE, period);
     return IPE_OK;
 }
 
@@ -106,6 +114,7 @@ static __attribute__((noinline)) bool look(ipe_announcement_t* a, ipe_estimator_
     if (ipe_cable_inertia_add(config, &average) != IPE_OK) { return false; }
     *shown = (shown_t){.t_ns = average.t_ns, .share_std = 1.0};
     if (ipe_estimator_contrast(e, config, &average, &sums) != IPE_OK) { return true; }
+    a->has_looked = true;
     ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d), &fit, &shown->share, &shown->share_std);
     shown->is_evident = shown->share > 0.0 && ipe_change_detector_is_evident(d, &sums, &fit);
     return true;
@@ -189,7 +198,14 @@ static void begin_contact(ipe_announcement_t* a, ipe_estimator_t* e, int64_t t_n
     a->contact_ns = t_ns;
     a->n_shares = 0, a->n_failed = 0;
     ++e->change_detector.n_changes;
-    ipe_change_detector_restart_after_change(&e->change_detector);
+    ipe_change_detector_restart(&e->change_detector);
+}
+
+/// The contact is broken off: the body is the one before again, which is one more change. What follows is suspected as usual.
+static void break_off(ipe_announcement_t* a, ipe_estimator_t* e)
+{
+    a->state = IPE_ANNOUNCEMENT_FAILED;
+    ++e->change_detector.n_changes;
 }
 
 /// One more window of the contact, at row time t_ns.
@@ -200,11 +216,7 @@ static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t
     double resting;
     keep_share(a, 1e-9 * (double)(shown->t_ns - a->contact_ns), shown->share);
     extrapolate(a, next, shown->share, shown->share_std);  // to when the next estimate replaces this one
-    if (is_resting(a, shown->share_std, &resting)) {
-        take(a, e, config, resting, shown->share_std);
-    } else if (now > CONTACT_MAX) {
-        a->state = IPE_ANNOUNCEMENT_FAILED;
-    }
+    if (is_resting(a, shown->share_std, &resting)) { take(a, e, config, resting, shown->share_std); }
 }
 
 /// By what the contact has done to the body, where one is under way; else the filter's own.
@@ -217,22 +229,34 @@ static ipe_status_t publish(const ipe_announcement_t* a, ipe_estimator_t* e, con
     return ipe_estimator_publish_moved(e, config, t_ns, step, std);
 }
 
+/// Whether windows end or not; or the clock was stepped back.
+static bool is_too_long(const ipe_announcement_t* a, int64_t t_ns)
+{
+    return a->state == IPE_ANNOUNCEMENT_CONTACT && (t_ns < a->contact_ns || t_ns > a->contact_ns + CONTACT_MAX_NS);
+}
+
 ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                    const ipe_motion_t* motion, const ipe_wrench_t* wrench)
 {
     shown_t shown;
     if (a->state != IPE_ANNOUNCEMENT_WAITS && a->state != IPE_ANNOUNCEMENT_CONTACT) { return IPE_NOT_READY; }
     if (a->state == IPE_ANNOUNCEMENT_WAITS && t_ns > a->from_ns + PATIENCE_NS) { a->state = IPE_ANNOUNCEMENT_MISSED; }
+    if (is_too_long(a, t_ns)) {
+        break_off(a, e);
+        return publish(a, e, config, t_ns);
+    }
     if (t_ns < a->from_ns - EARLY_NS || a->state == IPE_ANNOUNCEMENT_MISSED) { return IPE_NOT_READY; }
     if (!look(a, e, config, t_ns, motion, wrench, &shown)) { return IPE_NOT_READY; }
     a->n_evident = shown.is_evident ? a->n_evident + 1 : 0;
     a->n_failed = shown.is_evident ? 0 : a->n_failed + 1;
-    if (a->state == IPE_ANNOUNCEMENT_WAITS && a->n_evident < EVIDENT_WINDOWS) { return IPE_NOT_READY; }
+    if (a->state == IPE_ANNOUNCEMENT_WAITS && a->n_evident < IPE_CHANGE_DETECTOR_SUDDEN_WINDOWS) {
+        return IPE_NOT_READY;
+    }
     if (a->state == IPE_ANNOUNCEMENT_WAITS) { begin_contact(a, e, shown.t_ns); }
     if (shown.is_evident) {
         follow(a, e, config, t_ns, &shown);
     } else if (a->n_failed >= FAILED_WINDOWS) {
-        a->state = IPE_ANNOUNCEMENT_FAILED;
+        break_off(a, e);
     }
     return publish(a, e, config, shown.t_ns);
 }

@@ -2,18 +2,20 @@
 /// An announced payload: while it comes into contact, its share that the platform already carries.
 ///
 ///   e_k = x_k Y_k d + noise       d: ten parameters of the announced payload, x_k: share of it in window k
-/// e_k is the innovation of a window of 40 ms under the body before, so the contact is seen long before the estimator's own
-/// windows, which are ten times longer and average over it. The demands on that step are those of change_detector.h on a
-/// sudden change; only its direction is known beforehand.
+/// e_k is the innovation of a window under the body before. It has 40 ms, or 8 rows where these take longer (below 200 Hz), and a
+/// new one begins every quarter of it; the estimator's own are ten times longer and average over the contact. The demands on
+/// that step are those of change_detector.h on a sudden change; only its direction is known beforehand.
 ///
 ///   waits    from 1 s before the announced time; two windows in a row, each alone, show a share above 0
-///   contact  the estimate is the body before plus x d, extrapolated to the present; the filter's windows are not used
-///   taken    the share rests for 0.2 s, at 1 within 3 sigma: theta moves by x d, uncertain as the announcement says
+///   contact  the estimate is the body before plus x d, extrapolated to the present, and provisional; the filter's windows are
+///            not used. Its begin counts as a change of payload
+///   taken    the share rests for 20 windows (0.2 s), at 1 within 3 sigma: theta moves by x d, uncertain as announced
 ///   other    it rests elsewhere: theta moves by x d, and is loosened as by any change of payload
-///   failed   five windows in a row show no share of d, or it does not rest for 3 s: the body before goes on as if nothing
-///            had been announced
-///   missed   30 s after the announced time nothing has come
-/// Wherever the payload is not the announced one, the rule of change_detector.h decides, as it does without announcement.
+///   failed   five windows in a row show no share of d, or the contact takes over 3 s: the body before is published again, which
+///            counts as a change, too; what follows is suspected as usual
+///   missed   30 s after the announced time nothing has come: nothing has changed
+/// After taken, other and failed the filter's windows begin anew. A push that rests at 1 within 3 sigma is taken, too: the
+/// announcement is believed.
 /// Source: firmware/DESIGN.md, "Change". 8 KB of state, caller-allocated, no heap, one thread.
 #ifndef IPE_ANNOUNCEMENT_H
 #define IPE_ANNOUNCEMENT_H
@@ -45,6 +47,7 @@ typedef struct {
     double std[IPE_NP];                     ///< of that where its mass is known
     double relative_std;                    ///< of its mass
     ipe_window_t window;
+    bool has_looked;                        ///< a window could be compared: the noise was known
     int n_evident;                          ///< windows in a row, up to now, that show a share
     int n_failed;                           ///< in a contact: windows in a row that do not
     int64_t contact_ns;                     ///< first window of the contact
@@ -68,7 +71,7 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
                                    char* message, size_t size);
 
 /// A row's motion and wrench. IPE_OK: the estimate of e is new, by a's state; the caller starts its windows anew where that is
-/// TAKEN or OTHER. IPE_NOT_READY: nothing new.
+/// TAKEN, OTHER or FAILED, since those open are of two bodies. IPE_NOT_READY: nothing new.
 ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                    const ipe_motion_t* motion, const ipe_wrench_t* wrench);
 

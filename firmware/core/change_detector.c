@@ -14,8 +14,7 @@
 #define UNKNOWN_NOISE 4.0  // NIS limits: chosen so that declared noise may be too small by a factor of 2 to 6
 #define CALM_WINDOWS 5     // chosen as one more than share an instant
 #define CONTEST_WINDOWS 50  // 5 s at a window of 0.4 s: chosen longer than people lean on a platform
-#define MOVING 0.25       // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
-#define SUDDEN_WINDOWS 2  // chosen so that a change of 20 % is found within 0.6 s
+#define MOVING 0.25  // of the misfit of all windows: chosen so that a ramp of the load restarts it, noise does not
 #define MISFIT_MAX \
     0.5  // chosen over what payloads leave once they are at rest on the platform, 0.3; pushes leave 1 to 1000
 #define INEXACT 1e-4  // of the NIS: chosen as the square of the columns' errors under a load as heavy as the body
@@ -167,7 +166,8 @@ static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t*
     const int least = ipe_change_detector_is_misfit(d) ? SHIFT_WINDOWS : LASTING_WINDOWS;
     const bool is_sudden = !ipe_change_detector_is_misfit(d) && is_step(&d->last, d->level, payload_std, &sudden);
     d->n_steps = is_sudden ? d->n_steps + 1 : 0;
-    return d->n_steps >= SUDDEN_WINDOWS || (n >= least && is_step(&d->step, d->level, payload_std, &lasting));
+    return d->n_steps >= IPE_CHANGE_DETECTOR_SUDDEN_WINDOWS ||
+           (n >= least && is_step(&d->step, d->level, payload_std, &lasting));
 }
 
 static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,

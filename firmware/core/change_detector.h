@@ -22,6 +22,9 @@
 /// once in 2e8 windows. At rest it is the only test: unmodelled drift would accumulate in the CUSUM.
 #define IPE_CHANGE_DETECTOR_NIS_LIMIT 50.0
 
+/// Windows in a row, each of which alone shows a sudden change: chosen so that one of 20 % is found within 0.6 s.
+#define IPE_CHANGE_DETECTOR_SUDDEN_WINDOWS 2
+
 typedef enum {
     IPE_CHANGE_DETECTOR_USE = 0,
     IPE_CHANGE_DETECTOR_HOLD = 1,    ///< do not use: a contest runs
@@ -72,15 +75,15 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
 ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
                                                        const double payload_std[IPE_NP]);
 
-/// Does this step of a body explain its windows, and far better than none, as a sudden change must?
+/// Does this step of a body explain its windows, and far better than none, as a sudden change must? fit: solved with the scale
+/// below. The level must be learnt: as long as the noise is not, it says nothing. No state is changed.
 bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, const ipe_body_step_t* step,
                                     const ipe_body_step_fit_t* fit);
 
-/// Noise scale that steps are solved with, ipe_body_step_solve().
+/// Noise scale that steps are solved with, ipe_body_step_solve(): mean NIS of late, at least 1; no unit. The same holds.
 double ipe_change_detector_scale(const ipe_change_detector_t* d);
 
-/// A change that was found elsewhere begins, or goes on: the contest that runs is over, and a suspicion within the next second
-/// is the same change.
+/// A change was found elsewhere: the contest that runs is over, and a suspicion within the next second is the same change.
 void ipe_change_detector_restart_after_change(ipe_change_detector_t* d);
 
 /// A contest runs.

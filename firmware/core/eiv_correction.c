@@ -4,6 +4,7 @@
 #include "regressor.h"
 #include "smallmat.h"
 
+#include <math.h>
 #include <string.h>
 
 #define NEGLIGIBLE 1e-9  // trace of the share of noise in all information: chosen so that rounding is not corrected
@@ -22,6 +23,15 @@ void ipe_eiv_correction_forget(ipe_eiv_correction_t* a, double lambda)
 {
     for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) { a->sum[i] *= (float)lambda; }
     a->n *= (float)lambda;
+}
+
+void ipe_eiv_correction_loosen(ipe_eiv_correction_t* a, double mass, double inertia)
+{
+    for (int i = 0; i < 3; ++i) {
+        a->sum[i] *= (float)mass;
+        a->sum[3 + i] *= (float)inertia;
+    }
+    a->n *= (float)fmax(mass, inertia);
 }
 
 /// Rows of C: sqrt(sum) L^-1 dY/dk of noise channel k.

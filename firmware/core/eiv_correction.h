@@ -32,6 +32,10 @@ void ipe_eiv_correction_add(ipe_eiv_correction_t* a, const ipe_average_t* averag
 /// Older windows count less by factor lambda.
 void ipe_eiv_correction_forget(ipe_eiv_correction_t* a, double lambda);
 
+/// Theta has been loosened: the filter knows the share `mass` of what it knew of m and h, and the share `inertia` of J; so
+/// much is left of what the noise pretends. The channels of s act on m and h, those of alpha on J; both 0 .. 1.
+void ipe_eiv_correction_loosen(ipe_eiv_correction_t* a, double mass, double inertia);
+
 /// Add what the noise pretended to know of theta about the IMU, to C.
 ///
 ///   L      factor of the equations' covariance, which is `level` times that fixed one

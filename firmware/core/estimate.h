@@ -41,7 +41,7 @@ typedef struct {
     bool consistent;         ///< physically consistent; false: theta and body are the nearest consistent ones
     double distance;         ///< Mahalanobis distance squared to it, 0 if consistent
     double nis;              ///< normalised innovation squared of the last window
-    uint64_t n_changes;      ///< payload changes noticed so far
+    uint64_t n_changes;      ///< payload changes noticed so far; a contact that is broken off is two, there and back
     uint32_t unknown_force;  ///< bit i: cable i's sensor has failed, the last window went on without it
     double sigma_factor;     ///< by which misfit widened the sigmas, at least 1: misfit_score.h, change_detector.h
     bool is_provisional;     ///< an announced payload is coming into contact, announcement.h

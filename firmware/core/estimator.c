@@ -94,24 +94,31 @@ static ipe_status_t find_excess(ipe_estimator_t* e, const ipe_config_t* config, 
     return ipe_unknown_force_take_out(u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
 }
 
-ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average)
+/// Forces of failed sensors u become the most probable ones. is_next: the window follows the last one of the filter's own.
+static ipe_status_t restore(ipe_estimator_t* e, const ipe_config_t* config, const ipe_unknown_force_t* u, bool is_next,
+                            ipe_average_t* average)
 {
-    ipe_unknown_force_t u;
     double y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX];
-    ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
-    if (status != IPE_OK || u.n == 0) { return status; }
+    if (u->n == 0) { return IPE_OK; }
     memcpy(y, average->y, sizeof y);
-    status = find_excess(e, config, average, &u, y, excess);
+    const ipe_status_t status = find_excess(e, config, average, u, y, excess);
     if (status != IPE_OK) { return status; }
-    for (int k = 0; k < u.n; ++k) {
-        const int j = u.cable[k];
+    for (int k = 0; k < u->n; ++k) {
+        const int j = u->cable[k];
         const double f = average->f[j] - excess[k] / (1.0 + config->force_gain[j]);
-        const double slope = restored_slope(e, j, average->t_ns, f);
-        for (int i = 0; i < IPE_NY; ++i) { y[i] += slope * (1.0 + config->force_gain[j]) * u.turned[k][i]; }
+        const double slope = is_next ? restored_slope(e, j, average->t_ns, f) : 0.0;
+        for (int i = 0; i < IPE_NY; ++i) { y[i] += slope * (1.0 + config->force_gain[j]) * u->turned[k][i]; }
         average->f[j] = f;
     }
     memcpy(average->y, y, sizeof y);
     return IPE_OK;
+}
+
+ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average)
+{
+    ipe_unknown_force_t u;
+    const ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
+    return status == IPE_OK ? restore(e, config, &u, true, average) : status;
 }
 
 /// Use the window, hold it back, or take it as a change of payload.
@@ -151,11 +158,22 @@ static void learn_noise(ipe_estimator_t* e, int n_unknown, double innovation[IPE
     ipe_noise_push(&e->noise, innovation, S);
 }
 
+/// The least share of what is known of n parameters from the first on that is left once they are loosened by std.
+static double known_share(const ipe_estimator_t* e, const double* std, int first, int n)
+{
+    double share = 1.0;
+    for (int i = first; i < first + n; ++i) {
+        const double known = ipe_rls_std(&e->rls, i);
+        share = fmin(share, known * known / (known * known + std[i] * std[i]));
+    }
+    return share;
+}
+
 /// A new payload, of which this much is not known; what is known of the sensors stays. A known pose is new again.
 static void loosen_theta(ipe_estimator_t* e, const double std[IPE_NP])
 {
+    ipe_eiv_correction_loosen(&e->eiv_correction, known_share(e, std, 0, 4), known_share(e, std, 4, 6));
     for (int i = 0; i < IPE_NP; ++i) { ipe_rls_loosen(&e->rls, i, std[i] * std[i]); }
-    memset(&e->eiv_correction, 0, sizeof e->eiv_correction);
     ipe_noise_restart(&e->noise);
     ipe_misfit_score_restart(&e->misfit_score);
     ipe_pose_dwell_restart(&e->pose_dwell);
@@ -167,6 +185,7 @@ static void loosen_to_any_payload(ipe_estimator_t* e, const ipe_config_t* config
     double std[IPE_NP];
     ipe_prior_payload_std(config, std);
     loosen_theta(e, std);
+    memset(&e->eiv_correction, 0, sizeof e->eiv_correction);
 }
 
 void ipe_estimator_move(ipe_estimator_t* e, const ipe_config_t* config, const double step[IPE_NP],
@@ -202,26 +221,48 @@ static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
     }
 }
 
-ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
-                                    ipe_body_step_t* sums)
+/// Innovation of a window shorter than the filter's own, and the factor of its noise; forces of failed sensors are in neither.
+static ipe_status_t find_innovation(const ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                                    const ipe_unknown_force_t* u, const double* H, double innovation[IPE_NY],
+                                    double S[IPE_NY][IPE_NY], double L[IPE_NY][IPE_NY])
 {
-    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX], Y[IPE_NY][IPE_NP];
-    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY] = {{0.0}};
-    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_NOT_READY; }
-    const ipe_status_t status = build_equations(e, config, average, H, by_offset);
-    if (status != IPE_OK) { return status; }
-    ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
+    double y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX];
     const double shorter = fmax(1.0, config->window_length / average->length);
+    ipe_rls_innovation(&e->rls, H, average->y, innovation, S);
     for (int i = 0; i < IPE_NY; ++i) {
         // an average's white noise by 1 / length, that of a slope by 1 / length^3
         const double scale = sqrt(i < 3 ? shorter : shorter * shorter * shorter);
         for (int k = 0; k <= i; ++k) { L[i][k] = scale * e->noise.L[i][k]; }
-        memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]);
     }
+    memcpy(y, average->y, sizeof y);
+    return ipe_unknown_force_take_out(u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
+}
+
+/// Not inlined, so that restoring forces, which needs equations of its own, does not stand on these.
+static __attribute__((noinline)) ipe_status_t contrast(ipe_estimator_t* e, const ipe_config_t* config,
+                                                       const ipe_average_t* average, const ipe_unknown_force_t* u,
+                                                       ipe_body_step_t* sums)
+{
+    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX], Y[IPE_NY][IPE_NP];
+    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY] = {{0.0}};
+    ipe_status_t status = build_equations(e, config, average, H, by_offset);
+    if (status == IPE_OK) { status = find_innovation(e, config, average, u, H, innovation, S, L); }
+    if (status != IPE_OK) { return status; }
+    for (int i = 0; i < IPE_NY; ++i) { memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]); }
     ipe_body_step_start(sums);
     const bool is_good = ipe_body_step_add(sums, (const double (*)[IPE_NP])Y, innovation, (const double (*)[IPE_NY])S,
                                            (const double (*)[IPE_NY])L);
     return is_good ? IPE_OK : IPE_ERR_NONFINITE;
+}
+
+ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average,
+                                    ipe_body_step_t* sums)
+{
+    ipe_unknown_force_t u;
+    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_NOT_READY; }
+    ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
+    if (status == IPE_OK) { status = restore(e, config, &u, false, average); }
+    return status == IPE_OK ? contrast(e, config, average, &u, sums) : status;
 }
 
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)

@@ -80,15 +80,17 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
 /// IPE_OK; IPE_ERR_NONFINITE: a value is not finite or no body is near, counted, e->estimate as it was.
 ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
 
-/// The same of a body that differs from the states' by step +- std [10], about the IMU; marked as provisional.
+/// The same of a body that differs from the states' by step +- std [10], about the IMU, in units of theta; marked as provisional.
+/// Both finite, std not negative; the states stay as they are. A body that cannot exist is not published.
 ipe_status_t ipe_estimator_publish_moved(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                          const double step[IPE_NP], const double std[IPE_NP]);
 
 /// Sums of one window, shorter than the estimator's own, for body_step.h: its innovation under the present states, which stay
-/// as they are. The noise learnt is that of the own windows; that of a shorter one is larger.
+/// as they are. N, N m, about the IMU. The noise learnt is that of the own windows; that of a shorter one is larger. Forces of
+/// failed sensors are restored in average and taken out of the sums.
 ///
-/// IPE_OK; IPE_NOT_READY: the noise is not known yet; IPE_ERR_*: refused as by ipe_estimator_update().
-ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+/// IPE_OK; IPE_NOT_READY: the noise is not known yet, sums not written; IPE_ERR_*: refused as by ipe_estimator_update().
+ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average,
                                     ipe_body_step_t* sums);
 
 /// The body is another one now: theta moves by step [10] about the IMU, loosened by std [10]; NULL: as by any change of

@@ -90,12 +90,6 @@ static bool is_whole(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, c
     return e->verdict <= l->verdict_max && is_observable(e, false) && is_sharp(l, body, false);
 }
 
-/// Is it one of those while an announced payload comes into contact? All is known but how much of it is carried so far.
-static bool is_in_contact(const ipe_gate_limits_t* l, const ipe_gate_estimate_t* e, const ipe_body_t* body)
-{
-    return e->verdict >= CARE && is_observable(e, false) && is_sharp(l, body, false);
-}
-
 /// Do n values agree, each within so many standard deviations of their difference?
 static bool agree(const double* a, const double* a_std, const double* b, const double* b_std, int n, double sigmas)
 {
@@ -149,7 +143,8 @@ static ipe_gate_reason_t judge(const ipe_parameter_gate_t* g, const ipe_gate_est
     }
     if (!all_finite(&body->mass, sizeof *body / sizeof(double))) { return IPE_GATE_NOT_FINITE; }  // P not positive
     if (!is_sharp(l, body, is_changed)) { return IPE_GATE_SIGMA; }
-    if (is_live && !is_new && !are_one_body(body, &g->last, l->step_sigmas)) { return IPE_GATE_CONTRADICTION; }
+    const bool may_differ = is_new || e->is_provisional || g->is_in_contact;
+    if (is_live && !may_differ && !are_one_body(body, &g->last, l->step_sigmas)) { return IPE_GATE_CONTRADICTION; }
     return IPE_GATE_TAKEN;
 }
 
@@ -196,7 +191,8 @@ static void publish(ipe_parameter_gate_t* g)
     g->writing = __atomic_exchange_n(&g->middle, (unsigned char)(g->writing | NEW), __ATOMIC_ACQ_REL) & 3U;
 }
 
-/// The nominal body is no longer there: an estimate in use stays. A fall-back that has begun ends, lest theta jumps.
+/// The nominal body is no longer there: an estimate in use stays. A fall-back that has begun goes on to it, lest theta
+/// jumps.
 static void leave_nominal(ipe_parameter_gate_t* g, ipe_gate_source_t source)
 {
     g->was_changed = true;
@@ -259,21 +255,24 @@ ipe_gate_reason_t ipe_parameter_gate_offer(ipe_parameter_gate_t* g, const ipe_ga
     g->n_in_a_row = reason != IPE_GATE_TAKEN ? 0 : is_break ? 1 : g->n_in_a_row + 1;
     if (reason == IPE_GATE_TAKEN) { g->acceptable_ns = now_ns; }
     bool waits = (!is_live || g->is_returning) && g->n_in_a_row < g->limits.n_return;
-    if (reason == IPE_GATE_TAKEN && e->n_changes != g->known_n_changes) { waits |= !is_settled(g, e, &body); }
+    const bool is_contact = e->is_provisional || g->is_in_contact;  // under way, or over with this one
+    if (reason == IPE_GATE_TAKEN && e->n_changes != g->known_n_changes && !is_contact) {
+        waits |= !is_settled(g, e, &body);
+    }
     if (reason == IPE_GATE_TAKEN && waits) { reason = IPE_GATE_WAITS; }
     ++g->n[reason];
     if (reason != IPE_GATE_TAKEN) { return reason; }
     double theta[IPE_NP];
     memcpy(theta, e->theta, sizeof theta);
     if (!is_inertia_sharp(&g->limits, &body)) { keep_inertia(is_live ? g->now.to : before.theta, theta); }
-    const double T =
-        g->is_changed && is_in_contact(&g->limits, e, &body) ? g->limits.change_time : g->limits.transition_time;
+    const double T = is_contact ? g->limits.change_time : g->limits.transition_time;
     g->now.time = is_live ? time_of(g, T, before.theta, theta, now_ns) : T;
     memcpy(g->now.from, before.theta, sizeof before.theta);
     memcpy(g->now.to, theta, sizeof theta);
     g->now.begin_ns = now_ns, g->now.sequence = e->sequence, g->now.has_estimate = true, g->now.keeps = g->was_changed;
     g->last = body, g->known_n_changes = e->n_changes;
-    g->is_changed &= !is_whole(&g->limits, e, &body);
+    g->is_changed &= e->is_provisional || !is_whole(&g->limits, e, &body);
+    g->is_in_contact = e->is_provisional;
     g->is_returning = false;
     publish(g);
     return IPE_GATE_TAKEN;

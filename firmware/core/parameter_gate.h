@@ -12,12 +12,13 @@
 ///   none is taken for age_max    the fall-back: nominal parameters, or the last good ones, as chosen; then as at start
 ///   a payload change announced   the parameters in use are wrong from there on, and the fall-back is no longer the nominal
 ///                                body: that one is gone, whether the gate was told of the change or began after it; the
-///                                last good ones stay (a fall-back that has begun ends). Taken is the first estimate that
+///                                last good ones stay (a fall-back that has begun goes on to the nominal parameters). Taken is the first estimate that
 ///                                agrees with the one of the window before it. Until all its parameters are sharp again
 ///                                only the mass must be, and as long as the inertia about the CoG is not, that of the
 ///                                parameters in use is kept
-///   an announced payload         (COMMAND EXPECT) the same, but all parameters stay sharp and the verdict is care while it comes
-///                                into contact: theta follows within change_time
+///   an announced payload         (COMMAND EXPECT) comes into contact: estimates are provisional, all their parameters stay sharp,
+///                                the verdict is care. Each is taken at once, as is the first one after them, and theta
+///                                follows within change_time
 ///
 /// theta(t) = (1 - x) theta_0 + x theta_1, x from 0 to 1: the pseudo-inertia is linear in theta, and positive definite
 /// matrices are a convex set, so every body on the way can exist when both ends can. Mass, CoG and inertia change together.
@@ -61,7 +62,7 @@ typedef struct {
     int verdict_max;         ///< of ESTIMATE: 1 good, 2 care; after an announced change 2
     double age_max;          ///< s
     double transition_time;  ///< s
-    double change_time;      ///< s, the same while an announced payload comes into contact
+    double change_time;      ///< s, the same while estimates are provisional, and of the first one after them
     double step_sigmas;      ///< of the difference of two estimates between which no payload changed
     int n_return;            ///< acceptable estimates in a row before the first one is taken
     bool keep_last_good;     ///< the fall-back; false: nominal parameters
@@ -74,6 +75,7 @@ typedef struct {
     double covariance[IPE_NP][IPE_NP];  ///< of theta
     bool observable[IPE_NP];
     int verdict;
+    bool is_provisional;  ///< `provisional`: an announced payload is coming into contact
 } ipe_gate_estimate_t;
 
 /// What the control loop uses.
@@ -106,6 +108,7 @@ typedef struct {
     ipe_body_t last;          ///< taken
     int64_t known_n_changes;  ///< payload changes that the parameters in use contain; -1: nothing was offered yet
     bool is_changed;          ///< a change was announced since the last one whose parameters were all sharp
+    bool is_in_contact;       ///< the last one taken was provisional
     bool was_changed;         ///< one was announced: the nominal body is no longer there
     ipe_body_t previous;      ///< acceptable, of the window before
     int64_t previous_t_ns, previous_n_changes;

@@ -140,24 +140,31 @@ static void undelay_forces(ipe_pipeline_t* p)
     restart_windows(p);
 }
 
-/// An announced payload comes into contact, or did. True: the estimate is new.
-static bool follow_contact(ipe_pipeline_t* p, int64_t t_ns, const ipe_motion_t* motion, const ipe_wrench_t* wrench)
-{
-    ipe_announcement_t* a = p->announcement;
-    const ipe_status_t status = ipe_announcement_push(a, &p->estimator, &p->config, t_ns, motion, wrench);
-    if (a->state == IPE_ANNOUNCEMENT_WAITS || a->state == IPE_ANNOUNCEMENT_CONTACT) { return status == IPE_OK; }
-    p->n_announced_taken += a->state == IPE_ANNOUNCEMENT_TAKEN;
-    p->n_announced_other += a->state == IPE_ANNOUNCEMENT_OTHER;
-    p->n_announced_failed += a->state == IPE_ANNOUNCEMENT_FAILED;
-    p->n_announced_missed += a->state == IPE_ANNOUNCEMENT_MISSED;
-    if (a->state == IPE_ANNOUNCEMENT_TAKEN || a->state == IPE_ANNOUNCEMENT_OTHER) { restart_windows(p); }
-    p->announcement = NULL;
-    return status == IPE_OK;
-}
-
 static bool is_in_contact(const ipe_pipeline_t* p)
 {
     return p->announcement != NULL && p->announcement->state == IPE_ANNOUNCEMENT_CONTACT;
+}
+
+/// An announced payload comes into contact, or did.
+///
+/// IPE_OK: the estimate is new; IPE_NOT_READY: no contact, a window that ended with this row is one body's; IPE_IGNORED: it
+/// would be one of two; IPE_ERR_NONFINITE: the same, and no estimate can be published.
+static ipe_status_t follow_contact(ipe_pipeline_t* p, int64_t t_ns, const ipe_motion_t* motion,
+                                   const ipe_wrench_t* wrench)
+{
+    ipe_announcement_t* a = p->announcement;
+    const bool was_in_contact = is_in_contact(p);
+    const ipe_status_t status = ipe_announcement_push(a, &p->estimator, &p->config, t_ns, motion, wrench);
+    const bool is_of_two_bodies = was_in_contact || is_in_contact(p);
+    if (a->state != IPE_ANNOUNCEMENT_WAITS && a->state != IPE_ANNOUNCEMENT_CONTACT) {
+        p->n_announced_taken += a->state == IPE_ANNOUNCEMENT_TAKEN;
+        p->n_announced_other += a->state == IPE_ANNOUNCEMENT_OTHER;
+        p->n_announced_failed += a->state == IPE_ANNOUNCEMENT_FAILED;
+        p->n_announced_missed += a->state == IPE_ANNOUNCEMENT_MISSED;
+        if (is_of_two_bodies) { restart_windows(p); }
+        p->announcement = NULL;
+    }
+    return status == IPE_NOT_READY && is_of_two_bodies ? IPE_IGNORED : status;
 }
 
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
@@ -176,12 +183,13 @@ ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t
     status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
     p->estimator.n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_estimator_restart_windows(&p->estimator); }
-    if (p->announcement != NULL && !p->is_frozen && follow_contact(p, row->t_ns, &motion, &wrench)) {
-        if (estimate != NULL) { *estimate = p->estimator.estimate; }
-        return IPE_OK;
+    if (status < IPE_OK) { return status; }
+    if (p->announcement != NULL && !p->is_frozen) {
+        const ipe_status_t followed = follow_contact(p, row->t_ns, &motion, &wrench);
+        if (followed == IPE_OK && estimate != NULL) { *estimate = p->estimator.estimate; }
+        if (followed != IPE_NOT_READY) { return followed; }
     }
-    if (is_in_contact(p)) { return IPE_IGNORED; }          // its window would be one of two bodies
-    if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
+    if (status == IPE_NOT_READY) { return IPE_IGNORED; }
     status = ipe_cable_inertia_add(&p->config, &average);  // the cables' own inertia
     if (status != IPE_OK) { return status; }
     if (p->is_frozen) {
@@ -222,9 +230,16 @@ void ipe_pipeline_reset(ipe_pipeline_t* p)
     if (had_delay) { undelay_forces(p); }
 }
 
-void ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a)
+ipe_status_t ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a, const double body[IPE_ANNOUNCEMENT_NUMBERS],
+                                 int64_t from_ns, char* message, size_t size)
 {
-    p->announcement = a;
+    if (is_in_contact(p)) {
+        (void)snprintf(message, size, "the payload announced before is coming into contact");
+        return IPE_ERR_RANGE;
+    }
+    const ipe_status_t status = ipe_announcement_init(a, &p->config, body, from_ns, p->window.period, message, size);
+    if (status == IPE_OK) { p->announcement = a; }
+    return status;
 }
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
@@ -237,6 +252,10 @@ void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_estimator_t* estimator, const double gyro_bias[3])
 {
     ipe_estimator_continue(&p->estimator, estimator);
+    if (p->estimator.estimate.is_provisional) {  // nobody follows the contact any more: the body before again
+        ++p->estimator.change_detector.n_changes;
+        (void)ipe_estimator_publish(&p->estimator, &p->config, p->estimator.estimate.t_ns);
+    }
     undelay_forces(p);
     ipe_pipeline_set_gyro_bias(p, gyro_bias);
 }

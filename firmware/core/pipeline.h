@@ -85,15 +85,21 @@ void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen);
 /// and change detector begin again at 0.
 void ipe_pipeline_reset(ipe_pipeline_t* p);
 
-/// Expect an announced payload; a, from ipe_announcement_init(), is used until it has come or was missed, and replaces the one
-/// before. NULL: expect none any more. A reset forgets it.
-void ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a);
+/// Expect an announced payload. It replaces the one announced before, unless that is in contact. A reset forgets it; while the
+/// pipeline is frozen it waits, and a contact that has begun by then is broken off 3 s after its begin.
+///
+///   a              the caller's, used until the payload has come or was missed; on the pipeline's thread, as p
+///   body, from_ns  as in ipe_announcement_init()
+///
+/// IPE_OK; IPE_ERR_RANGE: as ipe_announcement_init(), or a payload is in contact: the reason is in message[size], nothing changed.
+ipe_status_t ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a, const double body[IPE_ANNOUNCEMENT_NUMBERS],
+                                 int64_t from_ns, char* message, size_t size);
 
 /// From the next row on use this gyro bias [3], I axes, rad/s; the open windows are thrown away.
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3]);
 
 /// Go on with another pipeline's estimator and its gyro bias [3], I axes, rad/s; p must have the same robot, sensors and
-/// priors. The open windows are thrown away.
+/// priors. The open windows are thrown away; a contact of an announced payload is broken off.
 void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_estimator_t* estimator, const double gyro_bias[3]);
 
 /// True unless memory was corrupted or the code is wrong: covariance positive, state finite, indices in range.

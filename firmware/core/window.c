@@ -6,12 +6,12 @@
 #include <math.h>
 #include <string.h>
 
-#define GAP_PERIODS 1.8            // between rows: chosen under 2, so that one lost row is seen in spite of jitter
-#define SLOW_PERIODS 1.5           // the same for rows slower than max_age, whose jitter is no gap
-#define GAP_FRACTION (1.0 / 40.0)  // of the window, 10 ms of 0.4 s: chosen so that a shorter gap does no harm
-#define MIN_QUARTER 2              // samples per quarter window: the least that gives the kernel a shape
-#define STEP_BACK_S 1.0            // s, chosen over any reordering: a stamp this far back means the clock was stepped
-#define BLOCKS_PER_QUARTER 8.0     // of noise_density.h: chosen so that their differences see no motion
+#define GAP_PERIODS 1.8         // between rows: chosen under 2, so that one lost row is seen in spite of jitter
+#define SLOW_PERIODS 1.5        // the same for rows slower than max_age, whose jitter is no gap
+#define GAP_PERMILLE 25         // of the window, 10 ms of 0.4 s: chosen so that a shorter gap does no harm
+#define MIN_QUARTER 2           // samples per quarter window: the least that gives the kernel a shape
+#define STEP_BACK_S 1.0         // s, chosen over any reordering: a stamp this far back means the clock was stepped
+#define BLOCKS_PER_QUARTER 8.0  // of noise_density.h: chosen so that their differences see no motion
 #define KERNEL_SQUARE (151.0 / 315.0)  // integral of the B-spline squared, quarters
 #define SLOPE_SQUARE (2.0 / 3.0)       // integral of its derivative squared, per quarter cubed
 
@@ -21,15 +21,17 @@ static void set_period(ipe_window_t* x, double period)
     memset(&x->noise_density, 0, sizeof x->noise_density);
     x->period = period;
     x->length = 4.0 * quarter * period;
-    x->max_gap = fmin(fmax(GAP_PERIODS * period, GAP_FRACTION * x->length), fmax(x->max_age, SLOW_PERIODS * period));
+    x->max_gap =
+        fmin(fmax(GAP_PERIODS * period, x->gap_permille / 1000.0 * x->length), fmax(x->max_age, SLOW_PERIODS * period));
 }
 
-void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double period)
+void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, int gap_permille, double period)
 {
     memset(x, 0, sizeof *x);
     x->n_cables = config->n_cables;
     x->n_channels = IPE_CHANNEL_F + 2 * config->n_cables;
     x->window_length = length;
+    x->gap_permille = gap_permille;
     x->max_age = config->max_age[IPE_IMU];
     if (period > 0.0) { set_period(x, period); }
 }
@@ -37,7 +39,7 @@ void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)
 {
     const double rate = config->sample_rate;
-    ipe_window_init_length(x, config, config->window_length, rate > 0.0 ? 1.0 / rate : 0.0);
+    ipe_window_init_length(x, config, config->window_length, GAP_PERMILLE, rate > 0.0 ? 1.0 / rate : 0.0);
 }
 
 /// Mean of the intervals near their median: neither gaps nor jitter move it.

@@ -75,6 +75,7 @@ typedef struct {
     double max_gap;        ///< s
 
     bool is_running;
+    int gap_permille;   ///< of the length, gap that does no harm
     int64_t origin_ns;  ///< start of window 0
     uint64_t first;     ///< index of the oldest open window
     ipe_accumulator_t open[IPE_WINDOWS_OPEN];
@@ -98,8 +99,10 @@ typedef struct {
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);
 
-/// The same with windows of another length, s; period: s between rows where it is known already, else 0.
-void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, double period);
+/// The same with windows of another length, s, which a gap of gap_permille / 1000 of it does not restart; period: s between rows
+/// where it is known already, else 0.
+void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, int gap_permille,
+                            double period);
 
 /// Throw the open windows away: rows to come do not fit those in them.
 void ipe_window_restart(ipe_window_t* x);

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { COUNT_MAX = 1 << 30 };  // chosen so that no count of windows reaches it, nor leaves an int after it
+enum { COUNT_MAX = 1 << 30 };  // chosen over all counts of windows, and so that one that begins there stays an int
 enum { VERSION = 8, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
 static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
@@ -80,7 +80,7 @@ static bool has_plausible_counts(const ipe_estimator_t* e)
            are_times(times, sizeof times / sizeof times[0]) && are_times(e->misfit_score.begin_ns, IPE_MISFIT_SCALES) &&
            are_times(e->restored_ns, IPE_CABLES_MAX) && are_bools(&e->filter_states.has_patterns, 1) &&
            are_bools(e->estimate.observable, IPE_NP) && are_bools(&e->estimate.consistent, 1) &&
-           are_bools(&e->estimate.is_misfit, 1);
+           are_bools(&e->estimate.is_misfit, 1) && are_bools(&e->estimate.is_provisional, 1);
 }
 
 static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* p)

@@ -16,6 +16,9 @@ static_assert(IPE_COMMAND_TEXT_MAX == INERTIAD_LCM_COMMAND_T_TEXT_MAX &&
                   IPE_CONFIG_FILE_MAX == INERTIAD_LCM_COMMAND_T_CONFIG_MAX,
               "the limits of the message");
 
+static_assert(sizeof(inertiad_lcm_expectation_t) == sizeof(int64_t) + sizeof(double) * IPE_ANNOUNCEMENT_NUMBERS,
+              "the numbers of the message");
+
 /// Rest of the message. Reading past its end gives zeros and is remembered.
 typedef struct {
     const uint8_t* at;
@@ -77,4 +80,19 @@ int ipe_command_expectation(const ipe_command_t* command, ipe_expectation_t* exp
         memcpy(&expectation->number[i], &bits, sizeof bits);
     }
     return r.is_short || r.n != 0 ? -1 : 0;
+}
+
+static bool is_time(int64_t t_ns)
+{
+    return t_ns >= 0 && t_ns <= IPE_TIME_MAX_NS;
+}
+
+int ipe_command_contact(const ipe_command_t* command, const ipe_expectation_t* expectation, int64_t sent_ns,
+                        int64_t* t_ns)
+{
+    if (!is_time(command->t_ns) || !is_time(expectation->t_ns) || !is_time(sent_ns)) { return -1; }
+    const int64_t after_ns = expectation->t_ns - command->t_ns;
+    if (after_ns < -sent_ns || after_ns > IPE_TIME_MAX_NS - sent_ns) { return -1; }
+    *t_ns = sent_ns + after_ns;
+    return 0;
 }

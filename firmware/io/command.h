@@ -3,6 +3,8 @@
 #ifndef IPE_COMMAND_H
 #define IPE_COMMAND_H
 
+#include "announcement.h"
+
 #include <stddef.h>
 #include <stdint.h>
 
@@ -31,12 +33,18 @@ typedef struct {
 
 /// A payload that is announced, expectation_t.lcm.
 typedef struct {
-    int64_t t_ns;       ///< of the contact
-    double number[20];  ///< the others in their order, as in ipe_announcement_init()
+    int64_t t_ns;                          ///< of the contact, by the sender's clock
+    double
+        number[IPE_ANNOUNCEMENT_NUMBERS];  ///< the others in their order, as in ipe_announcement_init(): kg, m, kg m2
 } ipe_expectation_t;
 
 /// Read the expectation_t in an EXPECT. 0, or -1: of another version, or cut. No state.
 int ipe_command_expectation(const ipe_command_t* command, ipe_expectation_t* expectation);
+
+/// Host time of the contact: as long after sending as the sender says, whose clock may have been set since. sent_ns: host time
+/// of sending. 0, or -1: one of the times is no host time, *t_ns not written. No state.
+int ipe_command_contact(const ipe_command_t* command, const ipe_expectation_t* expectation, int64_t sent_ns,
+                        int64_t* t_ns);
 
 /// Read a command_t of n bytes. 0, or -1: of another version, or cut. No state.
 int ipe_command_decode(const uint8_t* data, size_t n, ipe_command_t* command);

@@ -4,7 +4,7 @@
 ///   no_estimate              stop        nothing was identified
 ///   short_record             care        fewer than 50 windows
 ///   misfit                   care        no payload explains the forces; or the estimate moves more than its sigma allows
-///   contact                  care        an announced payload comes into contact; sigma is the daemon's, not yet the filter's
+///   contact                  care        an announced payload comes into contact: the share carried so far is in the estimate
 ///   impossible_body          care, stop  no body is near
 ///   broken_force_sensor      care        the estimate goes on without it
 ///   correction_beyond_prior  care        a sensor's error is over 4 of its stated sigmas

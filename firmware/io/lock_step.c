@@ -4,6 +4,7 @@
 #include "candump.h"
 #include "record.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <stdlib.h>
@@ -80,13 +81,19 @@ static bool take_position(ipe_lock_step_t* l, const char* text, size_t length)
 /// 0 to 15, or -1: no hexadecimal digit.
 static int digit(char c)
 {
-    return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
+    const int letter = c | 0x20;
+    return c >= '0' && c <= '9' ? c - '0' : letter >= 'a' && letter <= 'f' ? letter - 'a' + 10 : -1;
 }
 
 static bool take_command(ipe_lock_step_t* l, const char* text, size_t length)
 {
-    bool is_good = length % 2 == 0 && length / 2 <= sizeof l->message;
+    bool is_good = length % 2 == 0;
     l->n_message = length / 2;
+    if (l->n_message > sizeof l->message) {
+        report(l, &l->n_too_long, "is too long: a command has at most 1024 bytes, so CONFIGURE cannot be sent");
+        return false;
+    }
+    static_assert(IPE_LOCK_STEP_MESSAGE == 1024, "the limit in words");
     for (size_t i = 0; is_good && i < l->n_message; ++i) {
         const int high = digit(text[2 * i]), low = digit(text[2 * i + 1]);
         is_good = high >= 0 && low >= 0;

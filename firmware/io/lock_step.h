@@ -4,11 +4,12 @@
 /// in: lines, used in the order they come:
 ///   (1.000123) can0 123#0011           a frame on bus 0, as candump writes it (candump.h); can1: bus 1
 ///   position 1000123000 0.1 0.2 2.0    a position of the tracked point: host time, ns; W, m
-///   command 0f1e..                     a command_t, encoded, in hexadecimal digits; its stamp is data time
+///   command 0f1e..                     a command_t, encoded, in hexadecimal digits of either case; its stamp is data time;
+///                                      at most 1024 bytes, which all have but CONFIGURE
 ///   answer                             write what was published since the last answer
 /// out: an LCM log (record.h) of ESTIMATE and EVENT; each answer ends with a message without data on
 /// PREFIX + "ANSWER". A line that is none of these is counted by cause and reported; so is a position of more than 200
-/// characters, or whose time is no host time.
+/// characters, or whose time is no host time, and a command that is too long.
 /// Ask often: a daemon whose answers nobody reads waits once the pipe is full, after some 0.4 s of data.
 /// 130 KB of state, caller-allocated, no heap after open, one thread.
 #ifndef IPE_LOCK_STEP_H
@@ -49,7 +50,7 @@ typedef struct {
     uint64_t n_positions;      ///< lines that are a position
     uint64_t n_commands;       ///< lines that are a command
     uint64_t n_answers;        ///< lines that ask for an answer
-    uint64_t n_too_long;       ///< lines refused: too long
+    uint64_t n_too_long;       ///< lines refused: too long, or a position or command that is
     uint64_t n_cut;            ///< last line refused: it has no end
     uint64_t n_bad_frames;     ///< lines refused: neither a frame of can0 to can7 nor anything else
     uint64_t n_bad_positions;  ///< lines refused: a position that cannot be read
@@ -64,7 +65,7 @@ typedef struct {
 /// Begin to read stdin. 0, or -1 with errno set.
 int ipe_lock_step_open(ipe_lock_step_t* l);
 
-/// The next item, in l->frame or l->position.
+/// The next item, in l->frame, l->position or l->command.
 ipe_lock_step_item_t ipe_lock_step_next(ipe_lock_step_t* l);
 
 /// Read once from stdin; blocks only when that is an empty pipe.

@@ -122,7 +122,7 @@ static void send_order(ipe_publish_t* p)
 {
     if (p->n_items < 1 || p->n_items > IPE_PUBLISH_ITEMS) { return; }  // none; more there never are
     const inertiad_lcm_order_t message = {.sequence = p->sequence[IPE_PUBLISH_ORDER],
-                                          .t_ns = p->item[p->n_items - 1].t_ns,
+                                          .t_ns = p->order_ns,
                                           .n_dropped = (int64_t)p->n_items_failed,
                                           .n_items = p->n_items,
                                           .item = p->item};
@@ -180,14 +180,33 @@ void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame)
     if (p->n_frames == IPE_PUBLISH_FRAMES) { send_frames(p); }
 }
 
-void ipe_publish_order(ipe_publish_t* p, int kind, int64_t t_ns, const double* value)
+/// Used at host time used_ns.
+static void add_item(ipe_publish_t* p, int kind, int64_t used_ns, int64_t t_ns, const double* value)
 {
     if (!is_on(p)) { return; }
     inertiad_lcm_order_item_t* item = &p->item[p->n_items++];
     *item = (inertiad_lcm_order_item_t){
         .raw = p->sequence[IPE_PUBLISH_RAW], .n_before = p->n_frames, .kind = (int8_t)kind, .t_ns = t_ns};
     if (value != NULL) { memcpy(item->value, value, sizeof item->value); }
+    p->order_ns = used_ns;
     if (p->n_items == IPE_PUBLISH_ITEMS) { send_order(p); }
+}
+
+void ipe_publish_order(ipe_publish_t* p, int kind, int64_t t_ns, const double* value)
+{
+    add_item(p, kind, t_ns, t_ns, value);
+}
+
+void ipe_publish_expectation(ipe_publish_t* p, int64_t now_ns, const ipe_expectation_t* expectation)
+{
+    enum { IN_ITEM = 3, NUMBERS = INERTIAD_LCM_ORDER_ITEM_T_EXPECT_ITEMS * IN_ITEM };
+    static_assert((int)IPE_ANNOUNCEMENT_NUMBERS <= NUMBERS && NUMBERS - (int)IPE_ANNOUNCEMENT_NUMBERS < IN_ITEM,
+                  "EXPECT_ITEMS are as many as hold the numbers");
+    double number[NUMBERS] = {0.0};
+    memcpy(number, expectation->number, sizeof expectation->number);
+    for (int i = 0; i < NUMBERS; i += IN_ITEM) {
+        add_item(p, IPE_COMMAND_EXPECT, now_ns, expectation->t_ns, number + i);
+    }
 }
 
 static void add_row(ipe_publish_t* p, const ipe_row_t* row)
@@ -239,6 +258,7 @@ static void copy_estimate(inertiad_lcm_estimate_t* to, const ipe_estimate_t* fro
     to->distance = from->distance;
     to->nis = from->nis;
     to->n_changes = (int64_t)from->n_changes;
+    to->provisional = from->is_provisional ? 1 : 0;
 }
 
 static bool all_are_finite(const double* value, size_t n)

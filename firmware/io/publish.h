@@ -94,6 +94,7 @@ typedef struct {
     inertiad_lcm_signals_row_t row[IPE_PUBLISH_ROWS];
     double row_f[IPE_PUBLISH_ROWS][IPE_CABLES_MAX];
     inertiad_lcm_order_item_t item[IPE_PUBLISH_ITEMS];
+    int64_t order_ns;  ///< host time of the newest item's use
     inertiad_lcm_counter_t counter[IPE_COUNTERS_MAX];
     int64_t bucket[IPE_LATENCIES_MAX][IPE_HISTOGRAM_BUCKETS];
     uint8_t bytes[IPE_PUBLISH_BYTES];
@@ -137,6 +138,9 @@ void ipe_publish_frame(ipe_publish_t* p, const ipe_frame_t* frame);
 /// Add to ORDER what is used now, between the last frame and the next: kind, t_ns and value [3] as in order_item_t.lcm;
 /// value NULL: zeros.
 void ipe_publish_order(ipe_publish_t* p, int kind, int64_t t_ns, const double* value);
+
+/// The same of an announced payload that is expected from host time now_ns on, three of its numbers in each item.
+void ipe_publish_expectation(ipe_publish_t* p, int64_t now_ns, const ipe_expectation_t* expectation);
 
 /// The verdict of the estimates to come; before the first call they are not judged.
 void ipe_publish_verdict(ipe_publish_t* p, ipe_severity_t verdict);

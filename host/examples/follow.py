@@ -39,7 +39,15 @@ def follow(url: str, robot_file: Path) -> None:
         now_ns = e.t_ns if is_log else time.time_ns()
         covariance, observable = np.array(e.covariance), list(map(bool, e.observable))
         outcome = gate.offer(
-            e.sequence, e.t_ns, e.n_changes, np.array(e.theta), covariance, observable, e.verdict, now_ns
+            e.sequence,
+            e.t_ns,
+            e.n_changes,
+            np.array(e.theta),
+            covariance,
+            observable,
+            e.verdict,
+            bool(e.provisional),
+            now_ns,
         )
         if outcome != 0:
             print(f"follow: estimate {e.sequence}: {core.gate_reason(outcome)}", file=sys.stderr)

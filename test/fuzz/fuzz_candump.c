@@ -47,11 +47,16 @@ static void read_file(const char* path, const char* interface)
 static void read_lock_step(const char* path)
 {
     ipe_lock_step_item_t item;
-    lock_step.limit.n = UINT32_MAX / 2;
+    ipe_expectation_t expectation;
+    lock_step = (ipe_lock_step_t){.limit = {.n = UINT32_MAX / 2}};
     REQUIRE(ipe_lines_open(&lock_step.lines, path) == 0);
     while ((item = ipe_lock_step_next(&lock_step)) != IPE_LOCK_STEP_END) {
         if (item == IPE_LOCK_STEP_WAIT) { ipe_lock_step_fill(&lock_step); }
         if (item == IPE_LOCK_STEP_FRAME) { REQUIRE(lock_step.frame.bus < IPE_BUSES_MAX); }
+        if (item != IPE_LOCK_STEP_COMMAND) { continue; }
+        const ipe_command_t* c = &lock_step.command;
+        REQUIRE(c->config >= lock_step.message && c->config + c->n_config <= lock_step.message + lock_step.n_message);
+        (void)ipe_command_expectation(c, &expectation);
     }
     ipe_lines_close(&lock_step.lines);
 }

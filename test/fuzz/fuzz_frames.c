@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-enum { WARM = 1000, N_IDS = 8, SAMPLES_MAX = 800, ROBOTS = 2 };
+enum { WARM = 1000, N_IDS = 8, SAMPLES_MAX = 800, ROBOTS = 2, EXPECT = 0xF0 };
 
 static ipe_pipeline_t start[2 * ROBOTS], pipeline;
 
@@ -109,10 +109,27 @@ static void jump(state_t* s, input_t* in)
     }
 }
 
-static void command(input_t* in)
+/// A payload of 30 kg within 3 s, one of its numbers replaced.
+static void expect(const state_t* s, input_t* in)
+{
+    static ipe_announcement_t announcement;
+    double number[IPE_ANNOUNCEMENT_NUMBERS] = {30.0, 1.0, 0.1, 0.2, 0.3, 0.01, 0.01, 0.01, 1.0, 1.0, 1.0};
+    char message[256];
+    const uint8_t which = take_u8(in);
+    const int64_t from_ns = s->t_ns + (int64_t)take_u16(in) % 3000 * INT64_C(1000000);
+    if (which < IPE_ANNOUNCEMENT_NUMBERS) { number[which] = take_double(in); }
+    (void)ipe_pipeline_expect(&pipeline, &announcement, number, from_ns, message, sizeof message);
+}
+
+static void command(const state_t* s, input_t* in)
 {
     const double bias[3] = {0.01, -0.01, 0.0};
-    switch (take_u8(in) % 6) {
+    const uint8_t which = take_u8(in);
+    if (which >= EXPECT) {
+        expect(s, in);
+        return;
+    }
+    switch (which % 6) {
     case 0: ipe_pipeline_freeze(&pipeline, true); break;
     case 1: ipe_pipeline_freeze(&pipeline, false); break;
     case 2: ipe_pipeline_reset(&pipeline); break;
@@ -131,7 +148,7 @@ static void step(state_t* s, input_t* in)
     case 3: push_samples(s, in, true); break;
     case 4: jump(s, in); break;
     case 5: s->t_ns += (int16_t)take_u16(in) * INT64_C(10000); break;
-    default: command(in); break;
+    default: command(s, in); break;
     }
     if (s->t_ns > IPE_TIME_MAX_NS - (MOTION_STEP_NS * SAMPLES_MAX)) { s->t_ns = MOTION_BEGIN_NS; }
     motion_step(&pipeline);

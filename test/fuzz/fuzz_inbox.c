@@ -5,6 +5,7 @@
 #include "fuzz.h"
 #include "inbox.h"
 #include "inertiad_lcm_command_t.h"
+#include "inertiad_lcm_expectation_t.h"
 #include "inertiad_lcm_tracker_t.h"
 #include "wire.h"
 
@@ -55,6 +56,28 @@ static size_t compose(uint8_t* to, int kind, input_t* in)
     return n + in->n;
 }
 
+/// The content as it is, and behind the hash of an expectation_t: no announcement may come of numbers that are none.
+static void expect(const ipe_command_t* c)
+{
+    static uint8_t content[IPE_INBOX_BYTES];
+    static ipe_announcement_t announcement;
+    static const ipe_config_t config = {.imu_position = {0.1, 0.2, 0.3}};
+    char message[256];
+    ipe_expectation_t e;
+    int64_t t_ns = 0;
+    ipe_command_t whole = *c;
+    (void)ipe_command_expectation(c, &e);
+    wire_put(content, (uint64_t)__inertiad_lcm_expectation_t_get_hash(), WIRE_HASH_BYTES);
+    memcpy(content + WIRE_HASH_BYTES, c->config, c->n_config);
+    whole.config = content, whole.n_config += WIRE_HASH_BYTES;
+    if (ipe_command_expectation(&whole, &e) != 0) { return; }
+    if (ipe_command_contact(c, &e, 5000000000, &t_ns) == 0) { REQUIRE(t_ns >= 0 && t_ns <= IPE_TIME_MAX_NS); }
+    if (ipe_announcement_init(&announcement, &config, e.number, t_ns, 0.001, message, sizeof message) != IPE_OK) {
+        return;
+    }
+    for (int i = 0; i < IPE_ANNOUNCEMENT_NUMBERS; ++i) { REQUIRE(e.number[i] - e.number[i] == 0.0); }
+}
+
 /// As the daemon does.
 static void use(const ipe_inbox_item_t* item, ipe_inbox_kind_t kind)
 {
@@ -74,6 +97,7 @@ static void use(const ipe_inbox_item_t* item, ipe_inbox_kind_t kind)
         REQUIRE(guard.n > 0);
         REQUIRE(ipe_command_guard_check(&guard, c, 20 * IPE_COMMAND_AGE_MAX) == IPE_COMMAND_REPEATED);
     }
+    expect(c);
     (void)ipe_config_from_bytes(c->config, c->n_config, &config, message, sizeof message);
 }
 

@@ -26,6 +26,7 @@ CANDUMP = {
     "long_line": "(1.0) can0 123##1" + "0" * 4100 + "\n(1.0) can0 123#00\n",
     "unended": "(1.0) can0 123#0011",
     "lock_step": "position 1000123000 0.1 -0.2 2e0\nanswer\n(1.0) can7 123#00\nposition 1\nposition x\n",
+    "lock_step_commands": "command 00\ncommand 0\ncommand 0g\ncommand {}\nanswer\n".format("ab" * 1025),
     "empty": "",
 }
 
@@ -127,6 +128,11 @@ def command_message(
     return body + struct.pack(">I", len(config)) + config
 
 
+def expectation_numbers(t_ns: int, mass: float, mass_std: float) -> bytes:
+    """An expectation_t without its hash."""
+    return struct.pack(">q20d", t_ns, mass, mass_std, *[0.1] * 3, *[0.01] * 3, *[1.0] * 3, *[0.0] * 3, *[0.1] * 6)
+
+
 INBOX = {
     "position": datagram(TRACKER, tracker_message(10**9)),
     "position_invalid": datagram(TRACKER, tracker_message(10**9, valid=0)),
@@ -139,6 +145,11 @@ INBOX = {
     "all_kinds": b"".join(datagram(COMMAND, command_message(k, sequence=k)) for k in range(-1, 8)),
     "repeated": 3 * datagram(COMMAND, command_message(3)),
     "old_and_ahead": b"".join(datagram(COMMAND, command_message(3, t_ns=t)) for t in (0, -(2**63), 2**63 - 1)),
+    "expect": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, 30.0, 1.0))),
+    "expect_set_down": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, -30.0, 1.0))),
+    "expect_nan": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, float("nan"), 1.0))),
+    "expect_before_0": datagram(COMMAND, command_message(7, config=expectation_numbers(-(2**63), 30.0, 1.0))),
+    "expect_cut": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, 30.0, 1.0)[:-1])),
     "mark": datagram(COMMAND, command_message(6, b"payload on\0")),
     "text_without_end": datagram(COMMAND, command_message(6, b"payload on")),
     "text_of_no_bytes": datagram(COMMAND, command_message(6, b"")),
@@ -183,6 +194,11 @@ def command(kind: int) -> bytes:
     return bytes([COMMANDED, kind])
 
 
+def expect(which: int, value: float, in_ms: int = 0) -> bytes:
+    """A payload is announced; which: number of expectation_t that is replaced, 255: none."""
+    return bytes([COMMANDED, 0xF0, which]) + struct.pack("<H", in_ms) + (f64(value) if which < 20 else b"")
+
+
 FRAMES = {
     "warm_goes_on": bytes([WARM]) + samples(400),
     "fused_goes_on": bytes([FUSED]) + samples(400),
@@ -211,6 +227,10 @@ FRAMES = {
     "positions": bytes([FUSED])
     + b"".join(bytes([POSITION, 0, 0]) + f64(x, 0.0, 2.0) for x in (0.0, 1e9, float("nan"))),
     "commands": bytes([FUSED]) + b"".join(command(k) + samples(60) for k in range(6)),
+    "expect_and_push": bytes([FUSED]) + samples(200) + expect(255, 0.0) + patched(15, 14, 1500.0) * 8 + samples(200),
+    "expect_odd": bytes([WARM])
+    + b"".join(expect(k, float("nan")) + expect(k, -1e300) for k in range(20))
+    + samples(60),
     "flush_and_on": bytes([WARM]) + command(5) + samples(60) + command(5) + samples(60),
 }
 

@@ -11,7 +11,7 @@ import pytest
 from conftest import TOP
 
 from inertiad.run import estimate_message, lcmlog
-from inertiad_lcm import estimate_t, estimate_v1_t
+from inertiad_lcm import estimate_t, estimate_v1_t, estimate_v2_t
 
 OLD = TOP / "test/host/logs/estimate_v1"
 MASS = 159.384  # kg, of its last estimate
@@ -33,6 +33,18 @@ def test_old_estimate_becomes_the_present_one_with_names():
     assert list(named)[11] == "force_offset_1" and list(named)[18] == "force_offset_8"
     with pytest.raises(ValueError):
         estimate_message.decode(bytes(8) + events[-1].data[8:])
+
+
+def test_estimate_of_version_2_becomes_the_present_one():
+    """Version 2 was written before payloads could be announced."""
+    old = estimate_v2_t()
+    old.schema, old.sequence, old.mass, old.verdict = 2, 7, MASS, estimate_v2_t.CARE
+    old.n_systematic, old.systematic_name, old.systematic, old.systematic_std = 1, ["position_delay"], [1e-3], [1e-4]
+    new = estimate_message.decode(old.encode())
+    assert type(new) is estimate_t
+    assert (new.schema, new.sequence, new.mass, new.verdict) == (2, 7, MASS, estimate_t.CARE)
+    assert (list(new.systematic_name), bool(new.provisional)) == (["position_delay"], False)
+    assert estimate_t.decode(new.encode()).mass == MASS
 
 
 @pytest.mark.slow

@@ -139,6 +139,22 @@ static void test_checkpoint_restart_continues_the_estimate(void)
     ASSERT_BELOW(3.0 * other.estimator.estimate.body.mass_std, fabs(other.estimator.estimate.body.mass - truth[0]));
 }
 
+static void test_checkpoint_of_a_contact_restarts_with_the_body_before(void)
+{
+    double step[IPE_NP] = {30.0}, std[IPE_NP] = {1.0};
+    const ipe_estimator_t before = warm.estimator;
+    TEST_ASSERT_EQUAL_INT(IPE_OK,
+                          ipe_estimator_publish_moved(&warm.estimator, &config, before.estimate.t_ns, step, std));
+    TEST_ASSERT_TRUE(warm.estimator.estimate.is_provisional);
+    write_it();
+    warm.estimator = before;
+    init(&other);
+    TEST_ASSERT_EQUAL_MESSAGE(1, load(&other), message);  // when
+    TEST_ASSERT_FALSE(other.estimator.estimate.is_provisional);
+    TEST_ASSERT_EQUAL_DOUBLE(before.estimate.body.mass, other.estimator.estimate.body.mass);
+    TEST_ASSERT_EQUAL_UINT64(before.estimate.n_changes + 1, other.estimator.estimate.n_changes);
+}
+
 static void test_checkpoint_that_is_not_there_is_a_cold_start(void)
 {
     open_it();
@@ -190,6 +206,10 @@ static void test_checkpoint_of_another_version_or_impossible_is_refused(void)
     seal();
     assert_refused("another version");
     bytes[offsetof(ipe_checkpoint_state_t, version)] ^= 0xFF;
+    bytes[offsetof(ipe_checkpoint_state_t, estimator.estimate.is_provisional)] = 7;
+    seal();
+    assert_refused("cannot be");
+    bytes[offsetof(ipe_checkpoint_state_t, estimator.estimate.is_provisional)] = 0;
     memset(bytes + offsetof(ipe_checkpoint_state_t, estimator.rls.D), 0xFF, sizeof(double));  // NaN
     seal();
     assert_refused("cannot be");
@@ -237,6 +257,7 @@ int main(void)
     UNITY_BEGIN();
     silence_stderr();
     RUN_TEST(test_checkpoint_restart_continues_the_estimate);
+    RUN_TEST(test_checkpoint_of_a_contact_restarts_with_the_body_before);
     RUN_TEST(test_checkpoint_that_is_not_there_is_a_cold_start);
     RUN_TEST(test_checkpoint_torn_anywhere_is_refused);
     RUN_TEST(test_checkpoint_with_a_wrong_bit_is_refused);

@@ -3,6 +3,8 @@
 
 #include "temp_file.h"
 
+#include "inertiad_lcm_command_t.h"
+
 static ipe_lock_step_t step;
 static int stdin_before, stdout_before, stderr_before;
 
@@ -57,7 +59,7 @@ static uint64_t counter(const char* cause)
 /// A line that is none, behind one that is; it is counted as cause says.
 static void check_refused(const char* line, size_t n, const char* cause)
 {
-    char text[1024] = "answer\n";
+    char text[4096] = "answer\n";
     const size_t begin = strlen(text);
     memcpy(text + begin, line, n);
     open_bytes(text, begin + n);
@@ -102,6 +104,56 @@ static void test_lines_that_are_none_are_counted_by_cause(void)
     check_refused("(1.0) can8 123#00\n", 18, "bad_frame");
     check_refused("nonsense\n", 9, "bad_frame");
     check_refused("position \n", 10, "bad_frame");
+}
+
+/// "command " and an encoded MARK in hexadecimal digits; its length.
+static size_t command_line(const char* digits, char line[4096])
+{
+    uint8_t bytes[256];
+    const inertiad_lcm_command_t command = {
+        .sequence = 7, .t_ns = 5, .kind = IPE_COMMAND_MARK, .text = (char[]){"payload on"}, .config = (uint8_t[]){0}};
+    const int n = inertiad_lcm_command_t_encode(bytes, 0, sizeof bytes, &command);
+    size_t at = strlen(strcpy(line, "command "));
+    for (int i = 0; i < n; ++i) {
+        line[at++] = digits[bytes[i] >> 4U];
+        line[at++] = digits[bytes[i] & 15U];
+    }
+    line[at++] = '\n';
+    return at;
+}
+
+static void test_command_is_read_in_digits_of_either_case(void)
+{
+    static const char* const DIGITS[] = {"0123456789abcdef", "0123456789ABCDEF"};
+    for (int k = 0; k < 2; ++k) {
+        char line[4096];
+        open_bytes(line, command_line(DIGITS[k], line));
+        TEST_ASSERT_EQUAL(IPE_LOCK_STEP_COMMAND, next());
+        TEST_ASSERT_EQUAL_INT(IPE_COMMAND_MARK, step.command.kind);
+        TEST_ASSERT_EQUAL_INT64(7, step.command.sequence);
+        TEST_ASSERT_EQUAL_STRING("payload on", step.command.text);
+        TEST_ASSERT_EQUAL(IPE_LOCK_STEP_END, next());
+        TEST_ASSERT_EQUAL_UINT64(1, counter("commands"));
+    }
+}
+
+static void test_commands_that_are_none_are_counted_by_cause(void)
+{
+    char line[4096], odd[4096];
+    const size_t n = command_line("0123456789abcdef", line);
+    check_refused("command 0\n", 10, "bad_command");
+    check_refused("command zz\n", 11, "bad_command");
+    check_refused("command 00\n", 11, "bad_command");
+    check_refused("command \n", 9, "bad_frame");
+    for (size_t cut = 1; cut <= 2; ++cut) {  // half a byte less, one byte less
+        memcpy(odd, line, n);
+        odd[n - 1 - cut] = '\n';
+        check_refused(odd, n - cut, "bad_command");
+    }
+    memset(odd, '0', sizeof odd);
+    memcpy(odd, "command ", 8);
+    odd[8 + 2 * IPE_LOCK_STEP_MESSAGE + 2] = '\n';
+    check_refused(odd, 8 + 2 * IPE_LOCK_STEP_MESSAGE + 3, "too_long");
 }
 
 static void test_times_that_are_none_are_refused(void)
@@ -154,6 +206,8 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_items_come_in_the_order_of_the_lines);
     RUN_TEST(test_lines_that_are_none_are_counted_by_cause);
+    RUN_TEST(test_command_is_read_in_digits_of_either_case);
+    RUN_TEST(test_commands_that_are_none_are_counted_by_cause);
     RUN_TEST(test_times_that_are_none_are_refused);
     RUN_TEST(test_long_position_is_not_cut_and_used);
     RUN_TEST(test_stdin_without_a_line_of_use_is_broken);

@@ -116,26 +116,60 @@ static void test_estimate_in_mid_transition_starts_from_where_theta_is(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, halfway, now.theta[0]);
 }
 
+/// 20 % more within 0.2 s, provisional, all sharp, verdict care; every `interval`. Its time after the last one.
+static int64_t follow_contact(int64_t t, int64_t interval)
+{
+    for (int k = 0; k <= 200 * MS / interval; ++k, t += interval) {
+        ipe_gate_estimate_t e = estimate(100 + k, t, 1.0 + 0.02 * k * (double)interval / (20.0 * MS));
+        for (int i = 0; i < IPE_NP; ++i) { e.covariance[i][i] = 1e-5 * nominal[0] * nominal[0]; }
+        e.n_changes = 1, e.verdict = 2, e.is_provisional = true;
+        const ipe_gate_reason_t reason = ipe_parameter_gate_offer(&gate, &e, t);
+        TEST_ASSERT_EQUAL_MESSAGE(IPE_GATE_TAKEN, reason, ipe_parameter_gate_text(reason));
+        ipe_parameter_gate_read(&gate, t + 20 * MS, &now);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, e.theta[0], now.theta[0]);
+    }
+    return t;
+}
+
 static void test_announced_contact_is_followed_within_change_time(void)
 {
-    const int64_t live = go_live(1.0);
-    int64_t t = live + SECOND;
-    for (int k = 0; k <= 10; ++k, t += 20 * MS) {  // 20 % more within 0.2 s, all sharp, verdict care
-        ipe_gate_estimate_t e = estimate(100 + k, t, 1.0 + 0.02 * k);
-        for (int i = 0; i < IPE_NP; ++i) { e.covariance[i][i] = 1e-4 * nominal[0] * nominal[0]; }
-        e.covariance[0][0] = 1e-4 * e.theta[0] * e.theta[0];
-        e.n_changes = 1, e.verdict = 2;
-        const ipe_gate_reason_t reason = ipe_parameter_gate_offer(&gate, &e, t);
-        if (k > 0) { TEST_ASSERT_EQUAL_MESSAGE(IPE_GATE_TAKEN, reason, ipe_parameter_gate_text(reason)); }
-        ipe_parameter_gate_read(&gate, t + 20 * MS, &now);
-        if (k > 0) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, e.theta[0], now.theta[0]); }
+    for (int verdict_max = 1; verdict_max <= 2; ++verdict_max) {
+        for (int64_t interval = 20 * MS; interval <= 200 * MS; interval += 180 * MS) {
+            limits.verdict_max = verdict_max;
+            TEST_ASSERT_EQUAL(IPE_OK, ipe_parameter_gate_init(&gate, &limits, nominal));
+            const int64_t t = follow_contact(go_live(1.0) + SECOND, interval);
+            ipe_gate_estimate_t e = estimate(200, t, 1.21);  // contact over: the last of it as fast,
+            e.n_changes = 1;
+            TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, t));
+            ipe_parameter_gate_read(&gate, t + 20 * MS, &now);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.21 * nominal[0], now.theta[0]);
+            e.sequence = 201, e.t_ns += 20 * MS, e.theta[0] *= 1.001;  // small corrections in transition_time again
+            TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+            ipe_parameter_gate_read(&gate, e.t_ns + 250 * MS, &now);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.21 * 1.0005 * nominal[0], now.theta[0]);
+        }
     }
-    ipe_gate_estimate_t e = estimate(200, t, 1.2);  // contact over: small corrections take transition_time again
-    e.n_changes = 1;
-    e.theta[0] *= 1.001;
+}
+
+static void test_contact_that_is_broken_off_is_left_within_change_time(void)
+{
+    const int64_t t = follow_contact(go_live(1.0) + SECOND, 20 * MS);
+    ipe_gate_estimate_t e = estimate(200, t, 1.0);  // the body before again
+    e.n_changes = 2;
     TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, t));
-    ipe_parameter_gate_read(&gate, t + 250 * MS, &now);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.2006 * nominal[0], now.theta[0]);
+    ipe_parameter_gate_read(&gate, t + 20 * MS, &now);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, nominal[0], now.theta[0]);
+}
+
+static void test_care_that_stays_after_a_change_is_no_contact(void)
+{
+    ipe_gate_estimate_t e = estimate(100, go_live(1.0) + SECOND, 1.4);
+    e.n_changes = 1, e.verdict = 2;  // such as a failed sensor
+    settle(&e);
+    e.sequence += 1, e.t_ns += SECOND / 2, e.theta[0] *= 1.0001;
+    TEST_ASSERT_EQUAL(IPE_GATE_TAKEN, ipe_parameter_gate_offer(&gate, &e, e.t_ns));
+    ipe_parameter_gate_read(&gate, e.t_ns + 250 * MS, &now);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.4 * 1.00005 * nominal[0], now.theta[0]);
 }
 
 static void test_every_refusal_has_its_reason_and_changes_nothing(void)
@@ -264,13 +298,20 @@ static void test_change_announced_during_a_fall_back_makes_no_jump(void)
 {
     const int64_t live = go_live(1.2), middle = live + 1250 * MS;
     ipe_parameter_gate_read(&gate, middle, &now);
-    const double halfway = now.theta[0];
+    double before = now.theta[0];
     ipe_gate_estimate_t e = estimate(100, middle, 1.4);
     e.n_changes = 1, e.verdict = 3;
     (void)ipe_parameter_gate_offer(&gate, &e, middle);
     ipe_parameter_gate_read(&gate, middle, &now);
     TEST_ASSERT_EQUAL(IPE_GATE_FALLING_BACK, now.source);
-    TEST_ASSERT_EQUAL_DOUBLE(halfway, now.theta[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(before, now.theta[0]);
+    for (int64_t t = middle; t <= middle + SECOND; t += MS) {  // 20 % within transition_time of 0.5 s
+        ipe_parameter_gate_read(&gate, t, &now);
+        TEST_ASSERT_TRUE(fabs(now.theta[0] - before) <= 1.01 * 0.2 * nominal[0] / 500.0);
+        before = now.theta[0];
+    }
+    TEST_ASSERT_EQUAL(IPE_GATE_NOMINAL, now.source);
+    TEST_ASSERT_EQUAL_DOUBLE(nominal[0], now.theta[0]);
 }
 
 static void test_gate_that_begins_after_changes_does_not_fall_back_to_nominal(void)
@@ -437,6 +478,8 @@ int main(void)
     RUN_TEST(test_transition_has_no_jump_and_every_body_on_it_can_exist);
     RUN_TEST(test_estimate_in_mid_transition_starts_from_where_theta_is);
     RUN_TEST(test_announced_contact_is_followed_within_change_time);
+    RUN_TEST(test_contact_that_is_broken_off_is_left_within_change_time);
+    RUN_TEST(test_care_that_stays_after_a_change_is_no_contact);
     RUN_TEST(test_every_refusal_has_its_reason_and_changes_nothing);
     RUN_TEST(test_each_sigma_has_its_limit);
     RUN_TEST(test_each_number_may_contradict_the_last_estimate);

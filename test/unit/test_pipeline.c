@@ -2,6 +2,7 @@
 #include "pipeline.h"
 
 #include "counter_table.h"
+#include "parameter_gate.h"
 
 #include "robot.h"
 
@@ -843,10 +844,23 @@ static void expect_point(double mass)
 {
     double number[IPE_ANNOUNCEMENT_NUMBERS];
     announce_point(mass, number);
-    const ipe_status_t status = ipe_announcement_init(&announcement, &config, number, START + ANNOUNCED * MS,
-                                                      pipeline.window.period, message, sizeof message);
+    const ipe_status_t status =
+        ipe_pipeline_expect(&pipeline, &announcement, number, START + ANNOUNCED * MS, message, sizeof message);
     TEST_ASSERT_EQUAL_INT_MESSAGE(IPE_OK, status, message);
-    ipe_pipeline_expect(&pipeline, &announcement);
+}
+
+/// Sample k with share times the mass at LOAD_AT.
+static ideal_t loaded(int k, double share, double mass)
+{
+    double load[IPE_NP] = {share * mass};
+    ipe_body_shift(LOAD_AT, load, NULL);
+    for (int i = 0; i < IPE_NP; ++i) { load[i] += truth[i]; }
+    return share > 0.0 ? ideal_at(&config, 1e-3 * k, load) : sample[k];
+}
+
+static double share_at(int k, int contact)
+{
+    return fmin(1.0, fmax(0.0, (double)(k - contact) / LOADED));
 }
 
 /// From sample `first` on, until `end`; `mass` is taken up at LOAD_AT within LOADED ms from sample `contact` on. The time in
@@ -855,14 +869,11 @@ static int carry(int first, int end, double mass, int contact)
 {
     int right = end;
     for (int k = first; k < end; ++k) {
-        const double share = fmin(1.0, fmax(0.0, (double)(k - contact) / LOADED));
-        double load[IPE_NP] = {share * mass};
-        ipe_body_shift(LOAD_AT, load, NULL);
-        for (int i = 0; i < IPE_NP; ++i) { load[i] += truth[i]; }
-        const ideal_t x = share > 0.0 ? ideal_at(&config, 1e-3 * k, load) : sample[k];
+        const double share = share_at(k, contact), body = 161.058 + share * mass;
+        const ideal_t x = loaded(k, share, mass);
         push_ideal(&pipeline, &x, k);
         (void)drain(&pipeline);
-        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - load[0]) < 0.03 * load[0];
+        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - body) < 0.03 * body;
         right = is_right ? (right == end ? k : right) : end;
     }
     return right;
@@ -897,7 +908,7 @@ static void test_expect_load_that_is_set_down_is_followed(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 131.058, pipeline.estimator.estimate.body.mass);
 }
 
-/// The same payload without announcement, in `other`'s place: when is the mass right?
+/// The same payload without announcement: when is the mass right?
 static int right_without_announcement(double mass, int contact)
 {
     init(&pipeline);
@@ -916,17 +927,24 @@ static void test_expect_wrong_by_a_factor_of_2_is_no_worse_than_none(void)
         const int with = carry(LEARNT, ENDED, 50.0, ANNOUNCED);  // when
         TEST_ASSERT_LESS_OR_EQUAL_INT(without, with);            // then
         TEST_ASSERT_EQUAL_UINT64(0, counter("expect.taken"));
+        TEST_ASSERT_EQUAL_UINT64(1, counter("expect.other"));
         TEST_ASSERT_DOUBLE_WITHIN(0.1, mass, pipeline.estimator.estimate.body.mass);
     }
 }
 
 static void test_expect_payload_that_never_comes_changes_nothing(void)
 {
-    (void)carry(0, LEARNT, 0.0, ENDED);      // given
+    (void)carry(0, LEARNT, 0.0, ENDED);  // given
     expect_point(50.0);
-    (void)carry(LEARNT, ENDED, 0.0, ENDED);  // when
-    const ipe_estimate_t with = pipeline.estimator.estimate;
+    announcement.from_ns -= 27000 * MS;  // so that its 30 s end at 14 s
+    (void)carry(LEARNT, ENDED - 2100, 0.0, ENDED);
     TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_WAITS, announcement.state);
+    (void)carry(ENDED - 2100, ENDED, 0.0, ENDED);  // when
+    const ipe_estimate_t with = pipeline.estimator.estimate;
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_MISSED, announcement.state);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.missed"));
+    TEST_ASSERT_TRUE(announcement.has_looked);
+    TEST_ASSERT_NULL(pipeline.announcement);
     init(&pipeline);
     (void)carry(0, ENDED, 0.0, ENDED);
     TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimator.estimate, &with, sizeof with);  // then
@@ -941,20 +959,246 @@ static void test_expect_payload_that_comes_late_is_followed(void)
     TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));
 }
 
+/// What the daemon would publish of the present estimate, verdict good.
+static ipe_gate_estimate_t gate_estimate(int64_t sequence)
+{
+    const ipe_estimate_t* e = &pipeline.estimator.estimate;
+    ipe_gate_estimate_t g = {.sequence = sequence,
+                             .t_ns = e->t_ns,
+                             .n_changes = (int64_t)e->n_changes,
+                             .verdict = e->is_provisional ? 2 : 1,
+                             .is_provisional = e->is_provisional};
+    memcpy(g.theta, e->theta, sizeof g.theta);
+    memcpy(g.covariance, e->covariance, sizeof g.covariance);
+    memcpy(g.observable, e->observable, sizeof g.observable);
+    return g;
+}
+
 static void test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before(void)
+{
+    enum { PUSH = 250 };  // ms
+    ipe_parameter_gate_t gate;
+    ipe_gate_parameters_t used;
+    const ipe_gate_limits_t limits = ipe_parameter_gate_default();
+    (void)carry(0, LEARNT, 0.0, ENDED);  // given
+    TEST_ASSERT_EQUAL(IPE_OK, ipe_parameter_gate_init(&gate, &limits, truth));
+    expect_point(50.0);
+    const double std = pipeline.estimator.estimate.body.mass_std;
+    double largest = 0.0;
+    for (int k = LEARNT; k < ENDED; k += 20) {  // when: half of it, and gone again
+        const bool is_pushed = k >= ANNOUNCED && k < ANNOUNCED + PUSH;
+        (void)carry(k, k + 20, is_pushed ? 50.0 : 0.0, is_pushed ? ANNOUNCED : ENDED);
+        const ipe_gate_estimate_t g = gate_estimate(k);
+        (void)ipe_parameter_gate_offer(&gate, &g, START + k * MS);
+        const ipe_estimate_t* e = &pipeline.estimator.estimate;
+        largest = fmax(largest, e->body.mass);
+        if (k < ANNOUNCED + PUSH + 150) { continue; }
+        TEST_ASSERT_FALSE(e->is_provisional);  // then
+        TEST_ASSERT_DOUBLE_WITHIN(0.01 * 161.058, 161.058, e->body.mass);
+        TEST_ASSERT_TRUE(e->body.mass_std < 1.5 * std);
+        if (k < ANNOUNCED + PUSH + 200) { continue; }
+        ipe_parameter_gate_read(&gate, START + k * MS, &used);
+        TEST_ASSERT_EQUAL_INT(IPE_GATE_LIVE, used.source);
+        TEST_ASSERT_DOUBLE_WITHIN(0.01 * 161.058, 161.058, used.theta[0]);
+    }
+    TEST_ASSERT_TRUE(largest > 1.05 * 161.058);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.failed"));
+    TEST_ASSERT_EQUAL_UINT64(2, pipeline.estimator.estimate.n_changes);  // there and back
+}
+
+static void test_expect_contact_is_followed_though_rows_are_lost(void)
 {
     (void)carry(0, LEARNT, 0.0, ENDED);  // given
     expect_point(50.0);
-    (void)carry(LEARNT, ANNOUNCED, 0.0, ENDED);
-    (void)carry(ANNOUNCED, ANNOUNCED + 250, 50.0, ANNOUNCED);  // when: half of it, and gone again
-    (void)carry(ANNOUNCED + 250, ENDED, 0.0, ENDED);
-    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.failed"));     // then
-    TEST_ASSERT_DOUBLE_WITHIN(0.1, 161.058, pipeline.estimator.estimate.body.mass);
+    int right = 0;
+    for (int k = LEARNT; k < ENDED && right == 0; ++k) {
+        const ideal_t x = loaded(k, share_at(k, ANNOUNCED), 50.0);
+        if (k % 25 != 0) { push_ideal(&pipeline, &x, k); }  // when: no 40 ms are whole
+        (void)drain(&pipeline);
+        if (k > ANNOUNCED + LOADED && fabs(pipeline.estimator.estimate.body.mass - 211.058) < 6.0) { right = k; }
+    }
+    TEST_ASSERT_INT_WITHIN(100, ANNOUNCED + LOADED, right);  // then
+}
+
+static void test_expect_payload_is_followed_without_a_force_sensor(void)
+{
+    int right = 0;
+    for (int k = 0; k < ANNOUNCED + 1000; ++k) {
+        const double share = share_at(k, ANNOUNCED);
+        ideal_t x = loaded(k, share, 50.0);
+        if (k >= 6000) { x.f[1] = 0.0; }  // given
+        if (k == LEARNT) { expect_point(50.0); }
+        push_ideal(&pipeline, &x, k);     // when
+        (void)drain(&pipeline);
+        const bool is_right = fabs(pipeline.estimator.estimate.body.mass - 161.058 - share * 50.0) < 6.0;
+        right = is_right && right > 0 ? right : is_right ? k : 0;
+    }
+    TEST_ASSERT_EQUAL_UINT32(2, pipeline.stuck_sensor.unknown);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));  // then
+    TEST_ASSERT_LESS_THAN_INT(ANNOUNCED + LOADED + 100, right);
+}
+
+static void test_expect_noise_of_the_regressor_is_corrected_as_far_as_theta_stays_known(void)
+{
+    const double step[IPE_NP] = {0.0};
+    for (int k = 0; k < LEARNT; ++k) {  // given: a noisy IMU
+        ideal_t x = sample[k];
+        for (int i = 0; i < 3; ++i) { x.acc[i] += 0.05 * normal(&seed), x.gyro[i] += 0.005 * normal(&seed); }
+        push_ideal(&pipeline, &x, k);
+        (void)drain(&pipeline);
+    }
+    const ipe_estimator_t before = pipeline.estimator;
+    const float* was = before.eiv_correction.sum;
+    TEST_ASSERT_TRUE(was[0] > 0.0F && was[3] > 0.0F);
+    for (int n_sigmas = 0; n_sigmas < 3; ++n_sigmas) {  // when: theta is loosened by as many of its sigmas
+        double std[IPE_NP];
+        for (int i = 0; i < IPE_NP; ++i) { std[i] = (i < 4 ? 0 : n_sigmas) * ipe_rls_std(&before.rls, i); }
+        pipeline.estimator = before;
+        ipe_estimator_move(&pipeline.estimator, &config, step, std);
+        const float* is = pipeline.estimator.eiv_correction.sum;
+        TEST_ASSERT_FLOAT_WITHIN(1e-6F * was[0], was[0], is[0]);  // then
+        TEST_ASSERT_FLOAT_WITHIN(1e-3F * was[3], was[3] / (float)(1 + n_sigmas * n_sigmas), is[3]);
+    }
+    ipe_estimator_move(&pipeline.estimator, &config, step, NULL);
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, pipeline.estimator.eiv_correction.sum[3]);
+}
+
+/// A contact that began at ANNOUNCED and is not over, 350 ms later.
+static void begin_contact(void)
+{
+    (void)carry(0, LEARNT, 0.0, ENDED);
+    expect_point(50.0);
+    announcement.from_ns -= (announcement.from_ns - pipeline.window.origin_ns) % (10 * MS);  // windows end together
+    (void)carry(LEARNT, ANNOUNCED + 350, 50.0, ANNOUNCED);
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_CONTACT, announcement.state);
+    TEST_ASSERT_TRUE(pipeline.estimator.estimate.is_provisional);
+}
+
+static void assert_is_broken_off(void)
+{
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_FAILED, announcement.state);
+    TEST_ASSERT_NULL(pipeline.announcement);
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.failed"));
+    TEST_ASSERT_FALSE(pipeline.estimator.estimate.is_provisional);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 161.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_expect_contact_without_windows_ends_after_3_s(void)
+{
+    begin_contact();  // given
+    for (int k = ANNOUNCED + 350; k < ANNOUNCED + 3150; ++k) {
+        const ideal_t x = loaded(k, 0.7, 50.0);
+        if (k % 40 < 20) { push_ideal(&pipeline, &x, k); }  // when: gaps of 20 ms
+        (void)drain(&pipeline);
+        if (k < ANNOUNCED + 3000) { TEST_ASSERT_NOT_NULL(pipeline.announcement); }
+    }
+    assert_is_broken_off();  // then
+}
+
+static void test_expect_load_that_never_rests_ends_the_contact_after_3_s(void)
+{
+    begin_contact();  // given
+    for (int k = ANNOUNCED + 350; k < ANNOUNCED + 3150; ++k) {
+        const ideal_t x = loaded(k, 0.7 + 0.3e-3 * (k - ANNOUNCED - 350), 50.0);
+        push_ideal(&pipeline, &x, k);  // when
+        (void)drain(&pipeline);
+        if (k < ANNOUNCED + 3000) { TEST_ASSERT_NOT_NULL(pipeline.announcement); }
+    }
+    assert_is_broken_off();  // then
+}
+
+/// Windows that reached the filter or a contest.
+static uint64_t n_reached(void)
+{
+    return pipeline.estimator.rls.n_updates + pipeline.estimator.change_detector.n_held;
+}
+
+static void test_expect_frozen_contact_is_not_followed_and_is_broken_off_after_3_s(void)
+{
+    begin_contact();  // given
+    ipe_pipeline_freeze(&pipeline, true);
+    const ipe_estimate_t frozen = pipeline.estimator.estimate;
+    (void)carry(ANNOUNCED + 350, ANNOUNCED + 3500, 50.0, ANNOUNCED);  // when
+    TEST_ASSERT_EQUAL_MEMORY(&frozen, &pipeline.estimator.estimate, sizeof frozen);
+    TEST_ASSERT_GREATER_THAN_UINT64(25, pipeline.n_frozen);
+    TEST_ASSERT_EQUAL_UINT64(0, counter("expect.failed"));
+    ipe_pipeline_freeze(&pipeline, false);
+    (void)carry(ANNOUNCED + 3500, ANNOUNCED + 3501, 50.0, ANNOUNCED);
+    assert_is_broken_off();                                                          // then
+    (void)carry(ANNOUNCED + 3501, ENDED, 50.0, ANNOUNCED);
+    TEST_ASSERT_DOUBLE_WITHIN(2.0, 211.058, pipeline.estimator.estimate.body.mass);  // found by its windows
+}
+
+static void test_expect_contact_goes_on_after_a_gap(void)
+{
+    begin_contact();                                                  // given
+    (void)carry(ANNOUNCED + 800, ANNOUNCED + 1500, 50.0, ANNOUNCED);  // when: 450 ms are lost
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));             // then
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 211.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_expect_before_the_noise_is_learnt_is_not_looked_for(void)
+{
+    (void)carry(0, 1000, 0.0, ENDED);  // given
+    expect_point(50.0);
+    announcement.from_ns = START + 1500 * MS;
+    (void)carry(1000, 3000, 0.0, ENDED);         // when
+    TEST_ASSERT_FALSE(announcement.has_looked);  // then
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_WAITS, announcement.state);
+}
+
+static void test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published(void)
+{
+    begin_contact();  // given
+    other = pipeline;
+    const ipe_announcement_t begun = announcement;
+    for (int shift = 0; shift < 100; shift += 10) {  // at each phase of the windows of 0.4 s
+        pipeline = other, announcement = begun;
+        const int end = ANNOUNCED + 350 + shift;
+        int left = ENDED;
+        const uint64_t used = n_reached();
+        for (int k = ANNOUNCED + 350; k < end + 400; ++k) {
+            const ideal_t x = loaded(k, k < end ? 0.7 : 0.0, 50.0);
+            push_ideal(&pipeline, &x, k);  // when
+            pipeline.estimator.nis = NAN;
+            (void)drain(&pipeline);
+            if (pipeline.announcement == NULL && left == ENDED) { left = k; }
+            if (k < left + 350) { TEST_ASSERT_EQUAL_UINT64(used, n_reached()); }  // then
+        }
+        TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_FAILED, announcement.state);
+    }
+}
+
+static void test_expect_in_a_contact_is_refused_and_changes_nothing(void)
+{
+    double number[IPE_ANNOUNCEMENT_NUMBERS];
+    begin_contact();  // given
+    const ipe_announcement_t before = announcement;
+    announce_point(20.0, number);
+    const ipe_status_t status = ipe_pipeline_expect(&pipeline, &announcement, number, START + ENDED * MS, message,
+                                                    sizeof message);  // when
+    TEST_ASSERT_EQUAL_INT(IPE_ERR_RANGE, status);                     // then
+    TEST_ASSERT_EQUAL_STRING("the payload announced before is coming into contact", message);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &announcement, sizeof before);
+}
+
+static void test_expect_contact_is_broken_off_where_another_pipeline_goes_on(void)
+{
+    const double no_bias[3] = {0.0};
+    begin_contact();  // given
+    const uint64_t n_changes = pipeline.estimator.change_detector.n_changes;
+    init(&other);
+    ipe_pipeline_continue(&other, &pipeline.estimator, no_bias);  // when
+    const ipe_estimate_t* e = &other.estimator.estimate;          // then
+    TEST_ASSERT_FALSE(e->is_provisional);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 161.058, e->body.mass);
+    TEST_ASSERT_EQUAL_UINT64(n_changes + 1, e->n_changes);
 }
 
 static void test_reset_forgets_what_is_expected(void)
 {
     expect_point(50.0);                       // given
+    TEST_ASSERT_EQUAL_PTR(&announcement, pipeline.announcement);
     ipe_pipeline_reset(&pipeline);            // when
     TEST_ASSERT_NULL(pipeline.announcement);  // then
 }
@@ -973,7 +1217,8 @@ static void test_announcement_odd_numbers_are_refused_with_a_reason(void)
                {1, 30.0, "mass_std: must be at most half of the mass"},
                {8, 5.0, "inertia_cog: no body has these moments"},
                {9, -1.0, "inertia_cog: no body has these moments"},
-               {3, INFINITY, "a number is not finite"}};
+               {3, INFINITY, "a number is not finite"},
+               {11, 0.5, "inertia_cog: no body has these moments"}};
     for (size_t i = 0; i < sizeof ODD / sizeof ODD[0]; ++i) {
         double number[IPE_ANNOUNCEMENT_NUMBERS];
         announce_point(50.0, number);  // given
@@ -1028,6 +1273,17 @@ int main(void)
     RUN_TEST(test_expect_payload_that_never_comes_changes_nothing);
     RUN_TEST(test_expect_payload_that_comes_late_is_followed);
     RUN_TEST(test_expect_push_of_the_same_weight_that_ends_leaves_the_body_before);
+    RUN_TEST(test_expect_contact_is_followed_though_rows_are_lost);
+    RUN_TEST(test_expect_payload_is_followed_without_a_force_sensor);
+    RUN_TEST(test_expect_noise_of_the_regressor_is_corrected_as_far_as_theta_stays_known);
+    RUN_TEST(test_expect_contact_without_windows_ends_after_3_s);
+    RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
+    RUN_TEST(test_expect_frozen_contact_is_not_followed_and_is_broken_off_after_3_s);
+    RUN_TEST(test_expect_contact_goes_on_after_a_gap);
+    RUN_TEST(test_expect_before_the_noise_is_learnt_is_not_looked_for);
+    RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
+    RUN_TEST(test_expect_in_a_contact_is_refused_and_changes_nothing);
+    RUN_TEST(test_expect_contact_is_broken_off_where_another_pipeline_goes_on);
     RUN_TEST(test_reset_forgets_what_is_expected);
     RUN_TEST(test_announcement_odd_numbers_are_refused_with_a_reason);
     return UNITY_END();

@@ -62,7 +62,7 @@ static void receive(const lcm_recv_buf_t* buffer, const char* channel, void* use
     } else if (strcmp(channel, "TEST_ORDER") == 0) {
         TEST_ASSERT_EQUAL(n, inertiad_lcm_order_t_decode(buffer->data, 0, n, &order));
         n_received[IPE_PUBLISH_ORDER]++;
-        last_length = order.n_items, last_item = order.item[order.n_items - 1];
+        last_length = order.n_items, last_item = order.item[order.n_items - 1], last_t_ns = order.t_ns;
         inertiad_lcm_order_t_decode_cleanup(&order);
     } else if (strcmp(channel, "TEST_HEALTH") == 0) {
         TEST_ASSERT_EQUAL(n, inertiad_lcm_health_t_decode(buffer->data, 0, n, &health));
@@ -226,6 +226,21 @@ static void test_publish_order_gives_each_item_its_place_among_the_frames(void)
     TEST_ASSERT_EQUAL(IPE_COMMAND_RESET, last_item.kind);
 }
 
+static void test_publish_expectation_is_stamped_when_it_is_used(void)
+{
+    ipe_expectation_t expectation = {.t_ns = 600LL * 1000 * MS};
+    for (int i = 0; i < IPE_ANNOUNCEMENT_NUMBERS; ++i) { expectation.number[i] = i; }
+    ipe_publish_expectation(&publisher, 5, &expectation);
+    ipe_publish_flush(&publisher);
+    handle_all();
+    TEST_ASSERT_EQUAL(7, last_length);
+    TEST_ASSERT_EQUAL_INT64(5, last_t_ns);  // a record rotates by it
+    TEST_ASSERT_EQUAL_INT64(600LL * 1000 * MS, last_item.t_ns);
+    TEST_ASSERT_EQUAL_DOUBLE(19.0, last_item.value[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, last_item.value[2]);
+    TEST_ASSERT_EQUAL(IPE_COMMAND_EXPECT, last_item.kind);
+}
+
 static void test_publish_order_is_sent_when_full(void)
 {
     for (int i = 0; i < IPE_PUBLISH_ITEMS; ++i) { ipe_publish_order(&publisher, 0, i, NULL); }
@@ -312,6 +327,7 @@ int main(void)
     RUN_TEST(test_publish_estimate_that_is_not_finite_is_held_back);
     RUN_TEST(test_publish_estimate_names_its_systematic_parameters);
     RUN_TEST(test_publish_order_gives_each_item_its_place_among_the_frames);
+    RUN_TEST(test_publish_expectation_is_stamped_when_it_is_used);
     RUN_TEST(test_publish_order_is_sent_when_full);
     RUN_TEST(test_publish_health_and_event_arrive_whole);
     RUN_TEST(test_publish_config_arrives_as_it_is_and_is_counted);

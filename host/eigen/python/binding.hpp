@@ -142,15 +142,14 @@ struct OwnedPipeline {
         return view.push_frame(frame);
     }
 
-    /// ValueError: numbers that no body has.
+    /// ValueError: numbers that no body has, or a payload is in contact.
     void expect(int64_t t_ns, const Eigen::Matrix<double, IPE_ANNOUNCEMENT_NUMBERS, 1>& numbers)
     {
         char message[256];
-        if (ipe_announcement_init(announcement.get(), &state->config, numbers.data(), t_ns, state->window.period,
-                                  message, sizeof message) != IPE_OK) {
+        if (ipe_pipeline_expect(state.get(), announcement.get(), numbers.data(), t_ns, message, sizeof message) !=
+            IPE_OK) {
             throw std::invalid_argument(message);
         }
-        ipe_pipeline_expect(state.get(), announcement.get());
     }
 
     nb::dict counters() const

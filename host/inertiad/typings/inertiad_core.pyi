@@ -384,7 +384,7 @@ class ParameterGate:
 
     def __init__(self, nominal: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], limits: GateLimits = ...) -> None: ...
 
-    def offer(self, sequence: int, t_ns: int, n_changes: int, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], covariance: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')], observable: Sequence[bool], verdict: int, now_ns: int) -> int:
+    def offer(self, sequence: int, t_ns: int, n_changes: int, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], covariance: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')], observable: Sequence[bool], verdict: int, provisional: bool, now_ns: int) -> int:
         """
         Offer an estimate, the fields of ESTIMATE, at host time now_ns; what became of it: gate_reason()
         """
@@ -414,7 +414,7 @@ class ControlLoop:
     def advance(self, n: int) -> bool:
         """Go on by n periods of control; False: the motion is over"""
 
-    def offer(self, sequence: int, t_ns: int, n_changes: int, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], covariance: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')], observable: Sequence[bool], verdict: int, now_ns: int) -> int:
+    def offer(self, sequence: int, t_ns: int, n_changes: int, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')], covariance: Annotated[NDArray[numpy.float64], dict(shape=(10, 10), order='C')], observable: Sequence[bool], verdict: int, provisional: bool, now_ns: int) -> int:
         """As ParameterGate.offer()"""
 
     def states(self, first: int, last: int) -> NDArray[numpy.float64]:

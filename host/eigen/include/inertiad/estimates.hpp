@@ -43,7 +43,7 @@ private:
         auto* self = static_cast<Estimates*>(user);
         ipe_gate_estimate_t& e = self->newest_;
         e.sequence = message->sequence, e.t_ns = message->t_ns, e.n_changes = message->n_changes;
-        e.verdict = message->verdict;
+        e.verdict = message->verdict, e.is_provisional = message->provisional != 0;
         std::copy(message->theta, message->theta + IPE_NP, e.theta);
         std::copy(&message->covariance[0][0], &message->covariance[0][0] + IPE_NP * IPE_NP, &e.covariance[0][0]);
         for (int i = 0; i < IPE_NP; ++i) { e.observable[i] = message->observable[i] != 0; }

@@ -16,11 +16,12 @@ namespace {
 /// An ESTIMATE as a gate takes it.
 ipe_gate_estimate_t estimate_of(int64_t sequence, int64_t t_ns, int64_t n_changes, const inertiad::Theta& theta,
                                 const inertiad::Covariance& covariance, const std::vector<bool>& observable,
-                                int verdict)
+                                int verdict, bool provisional)
 {
     require(observable.size() == IPE_NP, "observable: needs 10 entries");
     ipe_gate_estimate_t e{};
     e.sequence = sequence, e.t_ns = t_ns, e.n_changes = n_changes, e.verdict = verdict;
+    e.is_provisional = provisional;
     std::copy_n(theta.data(), IPE_NP, e.theta);
     std::copy_n(covariance.data(), IPE_NP * IPE_NP, &e.covariance[0][0]);
     std::copy(observable.begin(), observable.end(), e.observable);
@@ -153,11 +154,13 @@ void bind_gate(nb::module_& m)
             "offer",
             [](inertiad::ParameterGate& gate, int64_t sequence, int64_t t_ns, int64_t n_changes,
                const inertiad::Theta& theta, const inertiad::Covariance& covariance,
-               const std::vector<bool>& observable, int verdict, int64_t now_ns) {
-                return static_cast<int>(
-                    gate.offer(estimate_of(sequence, t_ns, n_changes, theta, covariance, observable, verdict), now_ns));
+               const std::vector<bool>& observable, int verdict, bool provisional, int64_t now_ns) {
+                return static_cast<int>(gate.offer(
+                    estimate_of(sequence, t_ns, n_changes, theta, covariance, observable, verdict, provisional),
+                    now_ns));
             },
-            "sequence"_a, "t_ns"_a, "n_changes"_a, "theta"_a, "covariance"_a, "observable"_a, "verdict"_a, "now_ns"_a,
+            "sequence"_a, "t_ns"_a, "n_changes"_a, "theta"_a, "covariance"_a, "observable"_a, "verdict"_a,
+            "provisional"_a, "now_ns"_a,
             "Offer an estimate, the fields of ESTIMATE, at host time now_ns; what became of it: gate_reason()")
         .def(
             "read",
@@ -235,12 +238,13 @@ void bind_control(nb::module_& m)
             "offer",
             [](Loop& loop, int64_t sequence, int64_t t_ns, int64_t n_changes, const inertiad::Theta& theta,
                const inertiad::Covariance& covariance, const std::vector<bool>& observable, int verdict,
-               int64_t now_ns) {
-                return loop.offer(estimate_of(sequence, t_ns, n_changes, theta, covariance, observable, verdict),
-                                  now_ns);
+               bool provisional, int64_t now_ns) {
+                return loop.offer(
+                    estimate_of(sequence, t_ns, n_changes, theta, covariance, observable, verdict, provisional),
+                    now_ns);
             },
-            "sequence"_a, "t_ns"_a, "n_changes"_a, "theta"_a, "covariance"_a, "observable"_a, "verdict"_a, "now_ns"_a,
-            "As ParameterGate.offer()")
+            "sequence"_a, "t_ns"_a, "n_changes"_a, "theta"_a, "covariance"_a, "observable"_a, "verdict"_a,
+            "provisional"_a, "now_ns"_a, "As ParameterGate.offer()")
         .def("states", &Loop::states, "first"_a, "last"_a,
              "Rows [N, 19 + m] of the integration: p, v, q (w x y z), omega, a, alpha, f")
         .def(

@@ -146,7 +146,10 @@ class _Mailbox:
         """Offer an estimate; a refusal for another reason than the one before is told."""
         covariance, seen = np.array(e.covariance), [bool(x) for x in e.observable]
         theta = np.array(e.theta)
-        reason = self._loop.offer(e.sequence, e.t_ns, e.n_changes, theta, covariance, seen, e.verdict, now_ns)
+        verdict, is_provisional = e.verdict, bool(e.provisional)
+        reason = self._loop.offer(
+            e.sequence, e.t_ns, e.n_changes, theta, covariance, seen, verdict, is_provisional, now_ns
+        )
         text = inertiad_core.gate_reason(reason)
         self.offers[text] += 1
         if reason not in (0, self._last_reason):

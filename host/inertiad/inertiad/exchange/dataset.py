@@ -105,7 +105,7 @@ def _estimate(messages: list[Any]) -> Table:
         columns |= _scalars("estimate", [f"mass{end}"], messages)
         for field, names in vectors.items():
             columns |= _vectors([f"{name}{end}" for name in names], [getattr(m, f"{field}{end}") for m in messages])
-    counts = ("consistent", "distance", "nis", "n_windows", "n_rows", "n_dropped", "n_changes")
+    counts = ("consistent", "distance", "nis", "n_windows", "n_rows", "n_dropped", "n_changes", "provisional")
     return at_ns("estimate", _times(messages), columns | _scalars("estimate", counts, messages))
 
 

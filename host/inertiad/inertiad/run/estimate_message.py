@@ -3,7 +3,7 @@
 
 from typing import Final
 
-from inertiad_lcm import estimate_t, estimate_v1_t
+from inertiad_lcm import estimate_t, estimate_v1_t, estimate_v2_t
 
 _V1_BEFORE_FORCES: Final = (
     *(f"attitude_bias_{a}" for a in "xyz"),
@@ -21,10 +21,15 @@ def _v1_names(n: int) -> list[str]:
     return [*_V1_BEFORE_FORCES, *forces][:n]
 
 
-def _of_v1(old: estimate_v1_t) -> estimate_t:
+def _with_fields_of(old: estimate_v1_t | estimate_v2_t) -> estimate_t:
     new = estimate_t()
-    for name in estimate_v1_t.__slots__:
+    for name in old.__slots__:
         setattr(new, name, getattr(old, name))
+    return new
+
+
+def _of_v1(old: estimate_v1_t) -> estimate_t:
+    new = _with_fields_of(old)
     new.schema = 1
     new.systematic_name = _v1_names(old.n_systematic)
     new.verdict = estimate_t.UNKNOWN
@@ -35,4 +40,6 @@ def decode(data: bytes) -> estimate_t:
     """An ESTIMATE message of any version. ValueError: of none."""
     if data[:8] == estimate_v1_t._get_packed_fingerprint():
         return _of_v1(estimate_v1_t.decode(data))
+    if data[:8] == estimate_v2_t._get_packed_fingerprint():
+        return _with_fields_of(estimate_v2_t.decode(data))  # before provisional estimates
     return estimate_t.decode(data)
