@@ -166,17 +166,22 @@ static double bend(const ipe_motion_stage_t* m, double dt, double slope, double 
     return is_regular ? 2.0 * (slope - slope_before) / (m->step + dt) : 0.0;
 }
 
-/// p, v, R over dt seconds to a row with these readings: integrals of the parabola through three rows.
+/// p, v, R over dt seconds to a row with these readings: integrals of the parabola through three rows; the axis of a
+/// rate that turns is taken along (coning).
 static void advance_mean(ipe_motion_stage_t* m, double dt, const double acc[3], const double gyro[3])
 {
-    double s[3], w[3], mean[3], turn[3], turned[3][3], R[3][3], s_before[3], a_before[3];
+    double s[3], w[3], w_before[3], w_now[3], cone[3], mean[3], turn[3], turned[3][3], R[3][3], s_before[3],
+        a_before[3];
+    calibrate(m, m->acc, m->gyro, s, w_before);
+    calibrate(m, acc, gyro, s, w_now);
+    vec3_cross(w_before, w_now, cone);
     for (int i = 0; i < 3; ++i) {
         const double slope = (gyro[i] - m->gyro[i]) / dt;
         mean[i] = 0.5 * (m->gyro[i] + gyro[i]) - dt * dt / 12.0 * bend(m, dt, slope, m->gyro_slope[i]);
         m->gyro_slope[i] = slope;
     }
     calibrate(m, acc, mean, s, w);
-    for (int i = 0; i < 3; ++i) { turn[i] = dt * w[i]; }
+    for (int i = 0; i < 3; ++i) { turn[i] = dt * (w[i] + dt / 12.0 * cone[i]); }
     mat3_exp(turn, turned);
     mat3_mul(m->R, turned, R);
     memcpy(s_before, m->s, sizeof s_before);

@@ -10,7 +10,8 @@
 ///   kappa  3   scales of the gyro, I axes
 ///   p' = v    v' = R s - g z    R' = R [w]x    x = p + R l      l: from the IMU to the tracked point, I axes
 /// The mean advances with every row, by the parabola through the readings of three rows (Adams and Moulton, order 3): with
-/// straight lines a platform that swings at 1 Hz, sampled at 25 Hz, would seem to accelerate 0.5 % less than it does. The covariance advances once per epoch of 40 ms, with the mean of the positions since
+/// straight lines a platform that swings at 1 Hz, sampled at 25 Hz, would seem to accelerate 0.5 % less than it does. A rate
+/// whose axis turns within a step adds dt^2/12 w x w_next to the turn (coning: Savage, Strapdown Analytics, 2000, ch. 7). The covariance advances once per epoch of 40 ms, with the mean of the positions since
 /// then as its measurement, and the yaw of the AHRS as a weak one: its error is a bias and a slow wander. The tilt of the
 /// AHRS serves as the start only. beta takes the accelerometer bias along the vertical with it.
 /// The effect of the parameters of ipe_attitude_error_t on the state is carried exactly, by the filter's own F, K and H

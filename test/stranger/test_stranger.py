@@ -13,7 +13,7 @@ import pytest
 from elastic import LENGTH_DT, plant_of, run_plant, track_from
 from judge import Programs, judge, without_unknown_keys
 from mechanics import UP, catenary, needed_wrench, run_of, track_of
-from robots import DESK, FOUR, FRAME, HALL, ROBOTS, G, built_body
+from robots import DESK, FOUR, FRAME, HALL, HEXA, ROBOTS, G, built_body
 from scenes import SCENES
 from scipy.spatial.transform import Rotation
 
@@ -193,3 +193,12 @@ def test_perfect_laboratory_is_identified_to_two_thousandths(tmp_path):
         found = result[column]
         assert found["failed"] is None and found["n_observable"] == 10
         assert found["mass_percent"] < 0.2 and found["cog_mm"] < 0.1 and found["inertia_percent"] < 0.5, found
+
+
+@pytest.mark.slow
+def test_noise_of_a_long_coarse_record_leaves_no_bias(tmp_path):
+    """600 s at 25 Hz: sigma is small, and noise of the sensors stands in the columns of low-pass, gains and attachments."""
+    scene = next(s for s in SCENES if s.name == "gain-600s")
+    found = judge(Programs(TOP), laboratory.write(scene, HEXA.name, 24, tmp_path))["fit"]
+    assert found["failed"] is None and found["verdict"] == "good" and found["n_observable"] == 10
+    assert found["worst_z"] < 3.0, found

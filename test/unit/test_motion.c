@@ -153,6 +153,28 @@ static void test_tilt_does_not_follow_an_ahrs_that_leans_with_acceleration(void)
     ASSERT_BELOW(worst_ahrs, 0.02);
 }
 
+static double worst_tilt_at(int64_t period)
+{
+    double worst = 0.0, v[3];
+    start();
+    for (int64_t t = 0; t < 20000; t += period) {
+        push_moving(t);
+        if (t < 5000) { continue; }
+        attitude_error(t, v);
+        worst = fmax(worst, hypot(v[0], v[1]));
+    }
+    return worst;
+}
+
+static void test_tilt_of_coarse_rows(void)
+{
+    faults.lean = 0.0;
+    const double fast = worst_tilt_at(5), slow = worst_tilt_at(40);
+    TEST_ASSERT_EQUAL(IPE_OK, status);
+    ASSERT_BELOW(2e-6, fast);  // 2 orders below what straight lines between rows and a fixed axis of turning leave
+    ASSERT_BELOW(3e-4, slow);  // there 1.5e-3
+}
+
 /// Two runs of 30 s, the second with the parameter known to it: what the first lacked is what its sensitivity says.
 static void check_sensitivity(int parameter, double size, double tolerance)
 {
@@ -503,6 +525,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_tilt_does_not_follow_an_ahrs_that_leans_with_acceleration);
+    RUN_TEST(test_tilt_of_coarse_rows);
     RUN_TEST(test_sensitivity_to_accelerometer_bias);
     RUN_TEST(test_sensitivity_to_lever);
     RUN_TEST(test_sensitivity_to_position_delay);
