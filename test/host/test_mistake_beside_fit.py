@@ -22,9 +22,9 @@ def run() -> Recording:
     return reader.read(scenes.run(1000, "modern", 100.0, "paper"))
 
 
-def _late(run: Recording, residual: float, delay: float, found: float) -> bool:
+def _late(run: Recording, residual: float, delay: float, found: float, least: float = 0.1) -> bool:
     """Is a tracker that looks `delay` [s] late named, where the fit leaves 3 N and finds another delay?"""
-    evidence = {"residual_without_N": residual, "numbers": [delay]}
+    evidence = {"residual_without_N": residual, "residual_least_N": least, "numbers": [delay]}
     mistake = Finding("tracker_delay", "stop", "the positions look late", "", evidence)
     xi = np.zeros(len(systematic.names(run.robot.n_cables)))
     xi[systematic.group("position_delay", run.robot.n_cables).part] = found
@@ -44,6 +44,10 @@ def test_a_mistake_that_leaves_more_than_the_fit_is_none(run: Recording) -> None
     assert not _late(run, 15.0, 0.2, 0.01)
 
 
+def test_a_mistake_that_leaves_what_nothing_is_told_apart_from_is_named(run: Recording) -> None:
+    assert _late(run, 15.0, 0.2, 0.01, least=6.0)
+
+
 def test_a_gyro_that_a_wandering_attitude_contradicts_is_left_alone(
     run: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -53,8 +57,8 @@ def test_a_gyro_that_a_wandering_attitude_contradicts_is_left_alone(
     monkeypatch.setattr(identification.mistake_fit, "find", lambda *_: [])
     config = reader.config_of(run.robot, run.robot.name)
     solved = identification._solve(config, [identification.Part(run, run, 0.0, run.duration, 0)])
-    assert identification._mistakes(run.robot, solved, []) == []
+    assert identification.mistakes(run.robot, [run], solved.result, []) == []
     solved.result["converged"] = False
-    assert identification._mistakes(run.robot, solved, []) == unclear
+    assert identification.mistakes(run.robot, [run], solved.result, []) == unclear
     still = Finding("no_excitation", "care", "the platform is at rest throughout", "")
-    assert identification._mistakes(run.robot, solved, [still]) == [*unclear, still]
+    assert identification.mistakes(run.robot, [run], solved.result, [still]) == [*unclear, still]

@@ -197,7 +197,7 @@ def test_perfect_laboratory_is_identified_to_two_thousandths(tmp_path):
 
 @pytest.mark.slow
 def test_noise_of_a_long_coarse_record_leaves_no_bias(tmp_path):
-    """600 s at 25 Hz: sigma is small, and noise of the sensors stands in the columns of low-pass, gains and attachments."""
+    """600 s at 25 Hz: sigma is small, and noise stands in the columns of low-pass, gains and attachments."""
     scene = next(s for s in SCENES if s.name == "gain-600s")
     found = judge(Programs(TOP), laboratory.write(scene, HEXA.name, 24, tmp_path))["fit"]
     assert found["failed"] is None and found["verdict"] == "good" and found["n_observable"] == 10

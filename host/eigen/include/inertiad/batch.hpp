@@ -6,7 +6,11 @@
 /// exact, and takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that
 /// leave no residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and
 /// the body with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). What of the motion
-/// was derived instead of measured is smoothed for Y and X (derived.hpp).
+/// was derived instead of measured is smoothed for Y and X (derived.hpp). Those tensions have the noise of the motion sensors:
+/// what is taken back for noise in Y (eiv_correction.h) is what such noise, drawn, does to all columns.
+/// A low-pass of the forces bends the tensions, and their noise with them: always unknown, one is found in noise. The descent
+/// ends without it first. Its column of measured tensions tells too little, that of the model's too much; where both tell
+/// one, a second descent has it as an unknown; elsewhere its prior is part of P.
 /// Steps are solved by QR of the whitened, prior-scaled rows (least_squares.hpp). The first one moves theta alone. A step is
 /// taken if the cost falls, or if the next step, in the present metric, is shorter (the natural level function of Deuflhard,
 /// Newton Methods for Nonlinear Problems, 3.3: an instrument-like derivative has no cost whose minimum it leads to); else it
@@ -46,7 +50,7 @@ inline Problem descend(const Config& config, const std::vector<BatchRun>& runs, 
 {
     Problem without(config, runs, settings, false), with(config, runs, settings, true);
     Descent(without, settings).run(result);
-    if (with.n == without.n) { return without; }
+    if (with.n != without.n + 1) { return without; }  // not wanted, or nothing else is
     const Problem::LowPass seen = with.low_pass(without);
     if (!seen.is_told) {
         without.P += seen.effect * seen.effect.transpose();

@@ -48,8 +48,8 @@ def control(
 ) -> None:
     """Control a simulated robot with the daemon's live parameters, beside nominal, exact and adapted ones.
 
-    The daemon runs in its own process, in lock-step: frames, positions and commands with faults go in, ESTIMATE comes out and
-    reaches the controller through the parameter gate. Writes control.json and control.html.
+    The daemon runs in its own process, in lock-step: frames and positions with faults go in, and commands; ESTIMATE
+    comes out and reaches the controller through the parameter gate. Writes control.json and control.html.
     Exit code 1: live parameters were worse than nominal ones, commands were cut off at the limits of the tensions, or
     the platform was lost.
     Arms: nominal: the body at the start; live; oracle: the true body; adaptive: Slotine and Li's law.

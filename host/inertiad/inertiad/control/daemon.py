@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The daemon in lock-step: it gets frames, positions and commands through a pipe and answers with its estimates and events.
+"""The daemon in lock-step: frames, positions and commands go to it through a pipe, estimates and events come back.
 
 Nothing depends on the clock: the same lines give the same answers, bit for bit. Protocol: firmware/io/lock_step.h
 """

@@ -21,7 +21,7 @@ from inertiad.base.finding import Finding, ordered
 from inertiad.base.quantity import forces
 from inertiad.base.table import Array
 from inertiad.base.text_files import to_toml
-from inertiad.identify import diagnose, findings, fit
+from inertiad.identify import diagnose, findings, fit, identification
 from inertiad.robot import description, systematic
 from inertiad.robot.description import Robot
 from inertiad.robot.keys import LeftOver
@@ -147,6 +147,8 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
     told = np.array(result["free"], dtype=int)
     part = slice(10 * len(set(payload)), 10 * len(set(payload)) + len(told))
     covariance, prior_std = np.zeros((n, n)), np.maximum(inertiad_core.systematic_std(config), 1e-12)
+    untold = np.setdiff1d(np.flatnonzero(prior_std > 1e-12), told)  # a low-pass that is not there
+    covariance[untold, untold] = prior_std[untold] ** 2
     covariance[np.ix_(told, told)] = np.array(result["covariance"])[part, part]
     refused = np.sqrt(np.diag(covariance)) >= NOT_TOLD * prior_std
     directions = _unit_directions(covariance, prior_std, names(robot.n_cables))
@@ -158,7 +160,7 @@ def calibrate(robot: Robot, config: Any, recordings: list[Recording], payloads: 
         result = _solve(config, recordings, payload, is_known, ~refused)
     estimates = [fit.of_batch("joint", result, g) for g in range(len(set(payload)))]
     levels = sorted(set(payload))
-    found = diagnose.diagnose(robot, recordings)
+    found = identification.mistakes(robot, recordings, result, diagnose.of_signals(robot, recordings))
     found += findings.of_result(robot, config, result, recordings, [levels.index(p) for p in payload])
     xi = np.where(refused, 0.0, np.array(result["xi"]))
     std = np.maximum(np.where(refused, prior_std, np.sqrt(np.diag(covariance))), 1e-12)

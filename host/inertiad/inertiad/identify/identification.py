@@ -259,13 +259,13 @@ def _is_told_by_fit(robot: Robot, mistake: Finding, result: dict[str, Any]) -> b
 def _explains(robot: Robot, mistake: Finding, result: dict[str, Any]) -> bool:
     """Does it leave about as little as the joint fit, or find what that finds? The joint fit knows more errors, such as
     an attitude that follows acceleration: what leaves much more than it does is no explanation."""
-    left, left_by_fit = float(mistake.evidence["residual_without_N"]), findings.residual(result)[0]
+    left, least = (float(mistake.evidence[key]) for key in ("residual_without_N", "residual_least_N"))
+    left_by_fit = max(findings.residual(result)[0], least)
     return left < LEAVES_MORE * left_by_fit or _is_told_by_fit(robot, mistake, result)
 
 
-def _mistakes(robot: Robot, solved: Solved, signals: list[Finding]) -> list[Finding]:
-    """Those that signals show; where these show none, those that explain the runs, judged beside the joint fit."""
-    result, runs = solved.result, solved.recordings
+def mistakes(robot: Robot, runs: list[Recording], result: dict[str, Any], signals: list[Finding]) -> list[Finding]:
+    """Those that signals show; where these show none, those that explain the runs, judged beside their joint fit."""
     if diagnose.are_mistakes(signals):
         return signals
     found = [] if signals else mistake_fit.find(robot, runs)
@@ -286,13 +286,13 @@ def joint(
     except NoBodyError as error:
         return Identification(None, ordered([*diagnose.diagnose(robot, recordings), _no_body(error)]), [], [])
     progress("look for mistakes")
-    mistakes = _mistakes(robot, solved, signals)
-    if not mistakes:
+    wrong = mistakes(robot, solved.recordings, solved.result, signals)
+    if not wrong:
         progress("look for changes")
         solved = _follow_drift(_follow_changes(robot, config, solved))
     segments = _segments(solved)
     found = findings.of_result(robot, config, solved.result, solved.recordings, solved.group)
-    found = [*mistakes, *_payload_findings(segments), *_sensor_finding(solved), *_drift_finding(robot, solved), *found]
+    found = [*wrong, *_payload_findings(segments), *_sensor_finding(solved), *_drift_finding(robot, solved), *found]
     estimate = fit.of_batch("joint", solved.result, solved.group[-1])
     return Identification(estimate, ordered(found), segments, [], solved.result)
 
@@ -330,10 +330,10 @@ def identify(
     except NoBodyError as error:
         return Identification(None, ordered([*diagnose.diagnose(robot, recordings), _no_body(error)]), [], [])
     except InputError as error:
-        mistakes = diagnose.diagnose(robot, recordings)
-        if verdict(mistakes) == "stop":
-            return Identification(None, ordered(mistakes), [], [])
-        raise InputError("; ".join([str(error), *(mistake.says for mistake in mistakes)])) from None
+        wrong = diagnose.diagnose(robot, recordings)
+        if verdict(wrong) == "stop":
+            return Identification(None, ordered(wrong), [], [])
+        raise InputError("; ".join([str(error), *(mistake.says for mistake in wrong)])) from None
     if done.estimate is None:
         return done
     held = [fit.validate(config, done.estimate, run) for run in reader.read_all(held_out, robot_file)]

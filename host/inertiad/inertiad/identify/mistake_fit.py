@@ -109,6 +109,11 @@ class Fitted:
         """Of the residual force, N."""
         return self.laws[0].solved[1] * float(np.sqrt(6.0))
 
+    @property
+    def least(self) -> float:
+        """The smallest rms that is told apart from none, N."""
+        return self.laws[0].floor * float(np.sqrt(6.0))
+
     def cost_with(self, equations: list[float]) -> float:
         """Cost where so many equations of each law are independent."""
         cost = 2.0 * len(self.numbers)
@@ -428,6 +433,7 @@ def find(robot: Robot, recordings: list[Recording]) -> list[Finding]:
     doubt = f"; or {rival.mistake.says(rival.numbers)}" if rival.cost - best.cost < RIVAL else ""
     evidence = {"cost_fall": now.cost - best.cost, "rival": rival.mistake.kind, "rival_cost": rival.cost - best.cost}
     evidence |= {"residual_N": float(now.rms), "residual_without_N": float(best.rms), "numbers": numbers.tolist()}
+    evidence["residual_least_N"] = best.least
     is_mild = best.mistake.severity == "care"
     says = best.mistake.says(numbers) + falls + doubt
     return [Finding(best.mistake.kind, "care" if is_mild else "stop", says, MILD if is_mild else CORRECT, evidence)]
