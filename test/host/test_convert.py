@@ -134,11 +134,11 @@ def datasets(draw) -> Dataset:
     for name, columns in (
         ("signals", (*quantity.ACC, *quantity.forces(3))),
         ("tracker", ("x", "y", "z", "valid", "t_device_ns")),
-        ("estimate", ("mass", "mass_std", "consistent", "n_windows")),
+        ("estimate", ("mass", "mass_std", "consistent", "provisional", "n_windows")),
         ("events", ("source", "text")),
     ):
         n = draw(st.integers(1, 5))
-        kinds = {"valid": st.booleans(), "consistent": st.booleans(), "source": TEXT, "text": TEXT}
+        kinds = dict.fromkeys(("valid", "consistent", "provisional"), st.booleans()) | {"source": TEXT, "text": TEXT}
         kinds |= {"t_device_ns": st.integers(-(2**62), 2**62), "n_windows": st.integers(0, 2**62)}
         values = {c: draw(st.lists(kinds.get(c, NUMBERS), min_size=n, max_size=n)) for c in columns}
         found.append(table.at_ns(name, draw(stamps(n, 1)), {c: dataset.typed(name, c, v) for c, v in values.items()}))

@@ -195,7 +195,7 @@ def test_a_mild_rival_does_not_make_a_mistake_mild(
 ) -> None:
     def fitted(kind: str, cost: float, sigma: float, mild: str) -> mistake_fit.Fitted:
         mistake = mistake_table.Mistake(kind, kind, lambda case, x: case)
-        law = SimpleNamespace(solved=(None, sigma, 0.0))
+        law = SimpleNamespace(solved=(None, sigma, 0.0), floor=0.1)
         return mistake_fit.Fitted(replace(mistake, severity=mild), cost, np.zeros(0), [law, law, law])  # type: ignore
 
     nothing = replace(fitted("none", 1e4, 100.0, "stop"), mistake=mistake_fit.NOTHING)

@@ -102,7 +102,7 @@ def test_states_of_the_bus_are_told_in_every_second(config: Path, tmp_path: Path
 
 
 def test_payload_is_expected_from_a_second_past_to_ten_minutes_ahead(config: Path, tmp_path: Path) -> None:
-    rows = [announcement(1, 60.0, ahead) for ahead in (-1.1, 600.1, -0.9, 599.9)]
+    rows = ["(60.000000) can0 123#00\n", *(announcement(1, 60.0, ahead) for ahead in (-1.1, 600.1, -0.9, 599.9))]
     daemon = Daemon(config, tmp_path / "said")
     got = [lcmlog.decode(event_t, e, "") for e in daemon.ask(rows) if e.channel == "EVENT"]
     daemon.kill()

@@ -45,7 +45,10 @@ _OF_NAME: Final = (
     (r"force_lowpass", "s2"),
     (r"mass", "kg"),
     (r"inertia_cog_[xyz]{2}", "kg m2"),
-    (r"q_[wxyz]|(force_gain|friction)_\d+|(acc|gyro)_scale|cable_inertia|consistent|valid|distance|nis|n_\w+", "1"),
+    (
+        r"q_[wxyz]|(force_gain|friction)_\d+|(acc|gyro)_scale|cable_inertia|consistent|provisional|valid|distance|nis|n_\w+",
+        "1",
+    ),
     (r"length", "byte"),
 )
 

@@ -35,7 +35,7 @@ INERTIA: Final = ("xx", "yy", "zz", "yz", "xz", "xy")
 
 _TEXT: Final = ("bus", "data", "source", "text")
 _WHOLE: Final = r"can_id|flags|length|t_ns|t_device_ns|n_\w+"
-_FLAGS: Final = ("consistent", "valid")
+_FLAGS: Final = ("consistent", "provisional", "valid")
 
 
 def _truth(value: Any) -> bool:
