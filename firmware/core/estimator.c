@@ -238,20 +238,27 @@ static ipe_status_t find_innovation(const ipe_estimator_t* e, const ipe_config_t
     return ipe_unknown_force_take_out(u, (const double (*)[IPE_NY])S, innovation, y, excess, L);
 }
 
+static __attribute__((noinline)) bool add_to_sums(const ipe_estimator_t* e, const double* H,
+                                                  const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
+                                                  const double L[IPE_NY][IPE_NY], ipe_body_step_t* sums)
+{
+    double Y[IPE_NY][IPE_NP];
+    for (int i = 0; i < IPE_NY; ++i) { memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]); }
+    ipe_body_step_start(sums);
+    return ipe_body_step_add(sums, (const double (*)[IPE_NP])Y, innovation, S, L);
+}
+
 /// Not inlined, so that restoring forces, which needs equations of its own, does not stand on these.
 static __attribute__((noinline)) ipe_status_t contrast(ipe_estimator_t* e, const ipe_config_t* config,
                                                        const ipe_average_t* average, const ipe_unknown_force_t* u,
                                                        ipe_body_step_t* sums)
 {
-    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX], Y[IPE_NY][IPE_NP];
+    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX];
     double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY] = {{0.0}};
     ipe_status_t status = build_equations(e, config, average, H, by_offset);
     if (status == IPE_OK) { status = find_innovation(e, config, average, u, H, innovation, S, L); }
     if (status != IPE_OK) { return status; }
-    for (int i = 0; i < IPE_NY; ++i) { memcpy(Y[i], H + i * e->rls.n, sizeof Y[i]); }
-    ipe_body_step_start(sums);
-    const bool is_good = ipe_body_step_add(sums, (const double (*)[IPE_NP])Y, innovation, (const double (*)[IPE_NY])S,
-                                           (const double (*)[IPE_NY])L);
+    const bool is_good = add_to_sums(e, H, innovation, (const double (*)[IPE_NY])S, (const double (*)[IPE_NY])L, sums);
     return is_good ? IPE_OK : IPE_ERR_NONFINITE;
 }
 
