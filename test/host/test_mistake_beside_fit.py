@@ -22,30 +22,31 @@ def run() -> Recording:
     return reader.read(scenes.run(1000, "modern", 100.0, "paper"))
 
 
-def _late(run: Recording, residual: float, delay: float, found: float, least: float = 0.1) -> bool:
-    """Is a tracker that looks `delay` [s] late named, where the fit leaves 3 N and finds another delay?"""
+def _late(run: Recording, residual: float, delay: float, found: float, least: float = 0.1) -> list[str]:
+    """How a tracker that looks `delay` [s] late is named, where the fit leaves 3 N and finds another delay."""
     evidence = {"residual_without_N": residual, "residual_least_N": least, "numbers": [delay]}
     mistake = Finding("tracker_delay", "stop", "the positions look late", "", evidence)
     xi = np.zeros(len(systematic.names(run.robot.n_cables)))
     xi[systematic.group("position_delay", run.robot.n_cables).part] = found
     result = {"fit": [{"n_windows": 100, "rms": np.array([3.0, 0.0, 0.0, 0.1, 0.1, 0.1])}], "xi": xi}
-    return identification._explains(run.robot, mistake, result)
+    named = identification._beside(run.robot, mistake, result)
+    return [f.severity for f in named]
 
 
 def test_a_mistake_that_leaves_as_little_as_the_fit_is_named(run: Recording) -> None:
-    assert _late(run, 3.5, 0.2, 0.0)
+    assert _late(run, 3.5, 0.2, 0.0) == ["stop"]
 
 
-def test_a_mistake_that_the_fit_finds_too_is_named(run: Recording) -> None:
-    assert _late(run, 15.0, 0.2, 0.19)
+def test_a_mistake_that_the_fit_finds_too_is_named_and_taken_out(run: Recording) -> None:
+    assert _late(run, 15.0, 0.2, 0.19) == ["care"]
 
 
 def test_a_mistake_that_leaves_more_than_the_fit_is_none(run: Recording) -> None:
-    assert not _late(run, 15.0, 0.2, 0.01)
+    assert _late(run, 15.0, 0.2, 0.01) == []
 
 
 def test_a_mistake_that_leaves_what_nothing_is_told_apart_from_is_named(run: Recording) -> None:
-    assert _late(run, 15.0, 0.2, 0.01, least=6.0)
+    assert _late(run, 15.0, 0.2, 0.01, least=6.0) == ["stop"]
 
 
 def test_a_gyro_that_a_wandering_attitude_contradicts_is_left_alone(

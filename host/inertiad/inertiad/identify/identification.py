@@ -264,13 +264,22 @@ def _explains(robot: Robot, mistake: Finding, result: dict[str, Any]) -> bool:
     return left < LEAVES_MORE * left_by_fit or _is_told_by_fit(robot, mistake, result)
 
 
+def _beside(robot: Robot, mistake: Finding, result: dict[str, Any]) -> list[Finding]:
+    """A mistake beside the joint fit: none if that explains more; care if that finds the same and takes it out."""
+    if not _explains(robot, mistake, result):
+        return []
+    if not _is_told_by_fit(robot, mistake, result):
+        return [mistake]
+    return [replace(mistake, severity="care", says=f"{mistake.says}; the fit finds the same and takes it out")]
+
+
 def mistakes(robot: Robot, runs: list[Recording], result: dict[str, Any], signals: list[Finding]) -> list[Finding]:
     """Those that signals show; where these show none, those that explain the runs, judged beside their joint fit."""
     if diagnose.are_mistakes(signals):
         return signals
     found = [] if signals else mistake_fit.find(robot, runs)
     if result["converged"]:
-        found = [mistake for mistake in found if _explains(robot, mistake, result)]
+        found = [judged for mistake in found for judged in _beside(robot, mistake, result)]
     if not found and findings.has_symptom(robot, result):
         found = diagnose.unclear(robot, runs)
     return found + signals
