@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The daemon on a log of another robot; the counters at its end."""
 
+import json
+import re
 import subprocess
 
 import pytest
-from conftest import COGIRO, TOP
+from conftest import COGIRO, ISOLATED, TOP
 
 from inertiad.robot import configuration, description
 
@@ -67,3 +69,35 @@ def test_counters_of_zero_are_printed_on_request_only(daemon, option):
     assert 0 not in short.values()
     assert {name: n for name, n in long.items() if n} == short
     assert len(long) > 60
+
+
+def test_daemon_ends_with_ten_numbers_losses_and_verdict(inertiactl, tmp_path):
+    log = TOP / "test/host/logs/estimate_v1"
+    inertiactl("compile", log / "robot.toml", "-o", tmp_path / "robot.cfg")
+    command = [TOP / "build/bin/inertiad", "--config", tmp_path / "robot.cfg", "--lcm", "none"]
+    command += ["--bus", f"file:{log}/can.log", "--tracker", f"file:{log}/tracker.csv"]
+    done = subprocess.run(
+        [*command, "--estimate", tmp_path / "estimate.json"], capture_output=True, text=True, check=True
+    )
+    said = [line.removeprefix("inertiad: ") for line in done.stderr.splitlines()]
+    found = json.loads((tmp_path / "estimate.json").read_text())
+    first = next(k for k, line in enumerate(said) if line.startswith("result of "))
+    values = [
+        re.fullmatch(r"(.{5})  +(\S+) \+- (\S+) (m|kg|kg m2)(  \(.*\))?", line) for line in said[first + 1 : first + 11]
+    ]
+    wanted = [(found[key]["value"], found[key]["std"]) for key in ("mass", "cog", "inertia_cog")]
+    numbers = [pair for v, s in wanted for pair in (zip(v, s, strict=True) if isinstance(v, list) else [(v, s)])]
+    for match, (value, std) in zip(values, numbers, strict=True):
+        assert match is not None
+        assert float(match[3]) == pytest.approx(std, rel=0.06) and abs(float(match[2]) - value) < 0.06 * std
+    assert said[first + 11].startswith("lost: ") and "unsettled" not in said[first + 11]
+    assert said[first + 12] == {"good": "A good result"}.get(found["verdict"], said[first + 12])
+
+
+def test_daemon_without_positions_says_that_none_came(inertiactl, tmp_path):
+    log = TOP / "test/host/logs/estimate_v1"
+    inertiactl("compile", log / "robot.toml", "-o", tmp_path / "robot.cfg")
+    command = [*ISOLATED, TOP / "build/bin/inertiad", "--config", tmp_path / "robot.cfg"]
+    done = subprocess.run([*command, "--bus", f"file:{log}/can.log"], capture_output=True, text=True)
+    assert "position: no sample came; pass --tracker FILE" in done.stderr
+    assert "imu: no sample came" not in done.stderr and "result of" not in done.stderr

@@ -15,7 +15,7 @@ import numpy as np
 from laboratory import Run
 
 NAMES = ("mass", "cog x", "cog y", "cog z", "J xx", "J yy", "J zz", "J yz", "J xz", "J xy")
-TIME_LIMIT = 180.0
+TIME_LIMIT = 900.0
 """s for one command"""
 CHANGE_EVENT = b"payload changed"
 

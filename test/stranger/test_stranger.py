@@ -202,3 +202,28 @@ def test_noise_of_a_long_coarse_record_leaves_no_bias(tmp_path):
     found = judge(Programs(TOP), laboratory.write(scene, HEXA.name, 24, tmp_path))["fit"]
     assert found["failed"] is None and found["verdict"] == "good" and found["n_observable"] == 10
     assert found["worst_z"] < 3.0, found
+
+
+@pytest.mark.slow
+def test_noise_that_the_attitude_follows_leaves_no_bias(tmp_path, monkeypatch):
+    """Noisy IMU, slow motion: half of what noise seems to know of the CoG, the attitude has followed."""
+    monkeypatch.setitem(ROBOTS, "noisy", replace(FOUR, name="noisy", rate=100.0, acc_noise=0.03, gyro_noise=2.3e-3))
+    scene = replace(next(s for s in SCENES if s.name == "declared"), motion="pick", duration=90.0)
+    programs = Programs(TOP)
+    found = [judge(programs, laboratory.write(scene, "noisy", s, tmp_path / str(s)))["fit"] for s in range(1, 5)]
+    z = np.array([one["z"] for one in found])
+    assert np.abs(z.mean(axis=0)).max() < 1.5 and np.abs(z).max() < 3.5, z
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("robot", "faults"),
+    [(DESK, {"lowpass": "bessel", "lowpass_hz": 8.0}), (HEXA, {"imu_off": 0.07})],
+    ids=["forces 40 ms late", "IMU 7 cm off"],
+)
+def test_error_of_many_stated_sigmas_is_found(tmp_path, robot, faults):
+    scene = next(s for s in SCENES if s.name == "declared")
+    scene = replace(scene, faults=replace(scene.faults, **faults), motion="fourier", duration=20.0)
+    found = judge(Programs(TOP), laboratory.write(scene, robot.name, 31, tmp_path))["fit"]
+    assert found["worst_z"] < 3.5 and found["cog_mm"] < 3.0, found
+    assert found["verdict"] == "care" and "correction_beyond_prior" in found["findings"], found

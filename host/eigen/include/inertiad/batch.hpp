@@ -6,11 +6,13 @@
 /// exact, and takes [Y, -X] of systematic.h as its derivative. X is taken at the tensions nearest to the measured ones that
 /// leave no residual: with the measured ones a common gain gets its column from the noise which it then makes smaller, and
 /// the body with it (errors in variables; the mass 0.14 % low on the paper's motion with modern sensors). What of the motion
-/// was derived instead of measured is smoothed for Y and X (derived.hpp). Those tensions have the noise of the motion sensors:
-/// what is taken back for noise in Y (eiv_correction.h) is what such noise, drawn, does to all columns.
-/// A low-pass of the forces bends the tensions, and their noise with them: always unknown, one is found in noise. The descent
-/// ends without it first. Its column of measured tensions tells too little, that of the model's too much; where both tell
-/// one, a second descent has it as an unknown; elsewhere its prior is part of P.
+/// was derived instead of measured is smoothed for Y and X (derived.hpp). The model's tensions have the noise of accelerometer
+/// and gyro, and so has the attitude. The correction for noise in Y (eiv_correction.h) therefore counts what noise, drawn into
+/// the rows, does to whole equations.
+/// The forces' low-pass is an unknown only where the data tell it: a fit that always has it finds one in noise. The first
+/// descent ends without it. Then its size is read from a column of measured tensions, which gives too little, and from one of
+/// the model's, which gives too much. Where both tell one, a second descent has it as an unknown. Elsewhere its prior is part
+/// of P.
 /// Steps are solved by QR of the whitened, prior-scaled rows (least_squares.hpp). The first one moves theta alone. A step is
 /// taken if the cost falls, or if the next step, in the present metric, is shorter (the natural level function of Deuflhard,
 /// Newton Methods for Nonlinear Problems, 3.3: an instrument-like derivative has no cost whose minimum it leads to); else it
@@ -43,22 +45,34 @@ struct NoBody : std::runtime_error {
 
 namespace detail {
 
-/// The problem where its descent has ended: with a low-pass of the forces as an unknown where the data tell one. Elsewhere
-/// there is none, and what is not known of it is in P.
+/// The problem at its minimum. Forces that are late by much more than stated have theirs beside the nearest one: where another
+/// delay leaves less, a second descent starts with it.
 inline Problem descend(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings,
-                       BatchResult& result)
+                       bool is_low_pass_free, BatchResult& result)
 {
-    Problem without(config, runs, settings, false), with(config, runs, settings, true);
-    Descent(without, settings).run(result);
+    Problem near(config, runs, settings, is_low_pass_free), far(config, runs, settings, is_low_pass_free);
+    Descent(near, settings).run(result);
+    const double delay = near.better_force_delay();
+    if (delay == 0.0) { return near; }
+    BatchResult there{};
+    far.start_with_force_delay(delay);
+    Descent(far, settings).run(there);
+    if (!there.is_converged || near.cost_at(far) > near.cost_at(near)) { return near; }
+    result = there;
+    return far;
+}
+
+/// With a low-pass of the forces as an unknown where the data tell one. Elsewhere there is none, and what is not known of it is
+/// in P.
+inline Problem low_pass_told(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings,
+                             BatchResult& result)
+{
+    Problem without = descend(config, runs, settings, false, result), with(config, runs, settings, true);
     if (with.n != without.n + 1) { return without; }  // not wanted, or nothing else is
     const Problem::LowPass seen = with.low_pass(without);
-    if (!seen.is_told) {
-        without.P += seen.effect * seen.effect.transpose();
-        return without;
-    }
-    Problem fresh(config, runs, settings, true);
-    Descent(fresh, settings).run(result);
-    return fresh;
+    if (seen.is_told) { return descend(config, runs, settings, true, result); }
+    without.P += seen.effect * seen.effect.transpose();
+    return without;
 }
 
 }  // namespace detail
@@ -70,7 +84,7 @@ inline BatchResult solve(const Config& config, const std::vector<BatchRun>& runs
     Config used = config;
     for (const BatchRun& run : runs) { used = usable(used, run.derived); }
     BatchResult result{};
-    detail::Problem problem = detail::descend(used, runs, settings, result);
+    detail::Problem problem = detail::low_pass_told(used, runs, settings, result);
     std::size_t n_windows = 0;
     for (const BatchFit& f : problem.fit) { n_windows += f.n_windows; }
     if (n_windows == 0) { throw std::domain_error("no whole window in the data"); }

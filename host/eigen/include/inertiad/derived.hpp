@@ -181,14 +181,14 @@ inline std::vector<SmoothWindow> smoothed(Derived derived, const std::vector<ipe
     return found;
 }
 
-/// How tensions f [windows][m] bend, from each window and the one on either side; zero beside a gap.
-inline void set_force_curvature(const std::vector<Eigen::VectorXd>& f, std::vector<SmoothWindow>& window)
+/// How tensions f [windows][m] bend, from each window as measured and the one on either side; zero beside a gap.
+inline void set_force_curvature(const std::vector<ipe_average_t>& measured, const std::vector<Eigen::VectorXd>& f,
+                                std::vector<SmoothWindow>& window)
 {
     for (std::size_t k = 1; k + 1 < window.size(); ++k) {
-        const ipe_average_t &before = window[k - 1].average, &now = window[k].average, &after = window[k + 1].average;
-        const double since = 1e-9 * static_cast<double>(now.t_ns - before.t_ns);
-        const double until = 1e-9 * static_cast<double>(after.t_ns - now.t_ns);
-        if (since + until >= 2.5 * 0.25 * now.length) { continue; }
+        if (!detail::follows(measured, k + 1, 2)) { continue; }
+        const double since = 1e-9 * static_cast<double>(measured[k].t_ns - measured[k - 1].t_ns);
+        const double until = 1e-9 * static_cast<double>(measured[k + 1].t_ns - measured[k].t_ns);
         const Eigen::VectorXd rise = (f[k + 1] - f[k]) / until, fall = (f[k] - f[k - 1]) / since;
         Eigen::Map<Eigen::VectorXd>(window[k].f_curvature.data(), rise.size()) = 2.0 * (rise - fall) / (since + until);
     }

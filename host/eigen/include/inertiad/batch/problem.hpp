@@ -5,8 +5,8 @@
 #include "drift.hpp"
 #include "equations.hpp"
 #include "long_run.hpp"
+#include "motion_noise.hpp"
 #include "triangle.hpp"
-#include "window_noise.hpp"
 
 extern "C" {
 #include "eiv_correction.h"
@@ -26,15 +26,24 @@ constexpr int BLOCKS_MAX = 48;        // of a run: chosen, a fiftieth of it loca
 constexpr double COMMON_GAIN = 1e-6;  // share of its sigma that a gain common to all force sensors may take
 constexpr double SPEED_STD = 0.05;    // m/s, of the vertical speed's change over a run: chosen as a tracker's
 constexpr double IMPLAUSIBLE = 3.0;   // sigmas, as in firmware/core/filter_states.c
-constexpr double LEAST_TOLD =
-    0.1;  // of a prior's variance: a sigma of the data beyond three of the prior's says little
+constexpr double WELL_TOLD = 0.1;     // of a prior's variance: a sigma of the data of three of the prior's
+constexpr double IMPLAUSIBLE_FAINT =
+    6.0;  // sigmas, of places of which the data tell less: chosen so that other errors of the
+          // model do not pass for one; friction passes for a delay beyond that, too
+constexpr double LEAST_TOLD = 0.01;  // of a prior's variance, as in firmware/core/filter_states.c
 constexpr double SPREAD_SURE =
     2.0;  // times the stated spread of gains: four sensors exceed it by chance once in 135 robots
 constexpr double LOW_PASS_TOLD = 3.0;  // sigmas: chosen so that of 370 robots without a low-pass one seems to have one
-constexpr double BEND_OF_NOISE =
-    6.0 - (8.0 * 1191.0 - 2.0 * 120.0) / 2416.0;  // variance of the second difference of white
-// noise over that of one window, B-splines a quarter of their length apart
-constexpr double GYRO_FLOOR = 1e-6;  // rad/s: chosen under the bias stability of any MEMS gyro
+constexpr double BEND_OF_NOISE =  // variance of white noise's second difference over windows, over that of one window:
+    6.0 - (8.0 * 1191.0 - 2.0 * 120.0) / 2416.0;               // cubic B-splines a quarter of their length apart
+constexpr double FORCE_DELAYS_TRIED[] = {-0.06, -0.03, 0.03,
+                                         0.06,  0.1,   0.15};  // s: chosen so that a step leads from one to
+                                                               // the next
+constexpr double FORCE_DELAY_WORTH = 16.0;                     // fall of the cost: four sigma
+constexpr double FORCE_DELAY_UNKNOWN = 1.0;                    // s, a prior sigma that says nothing
+constexpr std::size_t WINDOWS_DRAWN = 4000;  // with noise: chosen so that its products are known to a fiftieth
+constexpr std::size_t DRAWS_MAX = 8;
+constexpr double GYRO_FLOOR = 1e-6;          // rad/s: chosen under the bias stability of any MEMS gyro
 
 /// The unknowns: theta of every group about the IMU, the free xi, the attachments' errors; scaled by their prior sigmas in
 /// the equations.
@@ -149,20 +158,18 @@ struct Problem {
             residual[k] = y - Y * x;
         }
         if (free.empty()) { return found; }
-        const Column6 share = bent_by == BentBy::BOTH ? share_of_motion(at, of.derived, x, residual)
-                                                      : Column6::Constant(bent_by == BentBy::TENSIONS ? 1.0 : 0.0);
-        bend_tensions(W, residual, share, at);
+        bend_tensions(run.window, W, residual, share_of_motion(run.window, of.derived, x, residual), at);
         for (std::size_t k = 0; k < run.window.size(); ++k) { reproduce(W[k], residual[k], at[k].average); }
         add_columns(run, of, corrected, found);
         return found;
     }
 
-    /// How the tensions of windows bend, for the low-pass's column. Of measured tensions it has their noise, of tensions that
-    /// the motion asks for that of the motion sensors, and the residual [6] has both. Tensions in between, by the motion's
-    /// share [6] of the residual's noise, have none in common with it.
-    enum class BentBy { BOTH, TENSIONS, MOTION };
-    static void bend_tensions(const std::vector<Eigen::MatrixXd>& W, const std::vector<Column6>& residual,
-                              const Column6& share, std::vector<SmoothWindow>& window)
+    /// How the tensions of windows bend, for the low-pass's column. Measured tensions have the force sensors' noise. Tensions
+    /// that the motion asks for have the motion sensors'. The residual [6] has both. Tensions in between, by the motion
+    /// sensors' share [6] of the residual's noise, have none in common with it.
+    static void bend_tensions(const std::vector<ipe_average_t>& measured, const std::vector<Eigen::MatrixXd>& W,
+                              const std::vector<Column6>& residual, const Column6& share,
+                              std::vector<SmoothWindow>& window)
     {
         std::vector<Eigen::VectorXd> f;
         for (std::size_t k = 0; k < window.size(); ++k) {
@@ -170,37 +177,21 @@ struct Problem {
             reproduce(W[k], (1.0 - share.array()).matrix().cwiseProduct(residual[k]), between);
             f.emplace_back(Eigen::Map<const Eigen::VectorXd>(between.f, W[k].cols()));
         }
-        set_force_curvature(f, window);
+        set_force_curvature(measured, f, window);
     }
 
     /// Share of the noise of the motion sensors in that of the residuals, whose quick changes are noise.
-    static Column6 share_of_motion(const std::vector<SmoothWindow>& window, Derived derived, const Theta& x,
-                                   const std::vector<Column6>& residual)
+    Column6 share_of_motion(const std::vector<ipe_average_t>& window, Derived derived, const Theta& x,
+                            const std::vector<Column6>& residual) const
     {
+        if (bent_by != BentBy::BOTH) { return Column6::Constant(bent_by == BentBy::TENSIONS ? 1.0 : 0.0); }
         Column6 of_motion = Column6::Zero(), of_all = Column6::Constant(1e-300);
         for (std::size_t k = 1; k + 1 < window.size(); ++k) {
-            const ipe_average_t &before = window[k - 1].average, &after = window[k + 1].average;
-            if (1e-9 * static_cast<double>(after.t_ns - before.t_ns) >= 2.5 * 0.25 * after.length) { continue; }
+            if (!follows(window, k + 1, 2)) { continue; }
             of_all += (residual[k + 1] - 2.0 * residual[k] + residual[k - 1]).cwiseAbs2() / BEND_OF_NOISE;
-            of_motion += noise_of_motion(window[k].average, derived, x);
+            for (const Regressor& dY : regressor_noise(window[k], derived)) { of_motion += (dY * x).cwiseAbs2(); }
         }
         return of_motion.cwiseQuotient(of_all).cwiseMin(1.0);
-    }
-
-    /// Variance [6] of a window's Y theta by white noise of accelerometer and gyro.
-    static Column6 noise_of_motion(const ipe_average_t& a, Derived derived, const Theta& x)
-    {
-        Column6 sum = Column6::Zero();
-        const double still[6] = {0.0};
-        for (int i = 0; i < 3; ++i) {
-            const Vector3 unit = Vector3::Unit(i), none = Vector3::Zero();
-            Regressor of_s, of_alpha;
-            ipe_regressor(unit.data(), still, none.data(), as_array(of_s));
-            ipe_regressor(none.data(), still, unit.data(), as_array(of_alpha));
-            if (!derived.force) { sum += a.s_variance[i] * Column6(of_s * x).cwiseAbs2(); }
-            if (!derived.rate) { sum += a.alpha_variance[i] * Column6(of_alpha * x).cwiseAbs2(); }
-        }
-        return sum;
     }
 
     /// Columns of the free xi and of the attachments, and what drift does.
@@ -347,8 +338,10 @@ struct Problem {
         const Eigen::Index at = place(i);
         if (!is_unsure || P.size() == 0 || at < 0) { return std_xi[i]; }
         const double variance = used_std[i] * used_std[i], told = variance - P(at, at);
-        const bool is_told = told > LEAST_TOLD * variance;
-        const bool is_implausible = is_told && xi[i] * xi[i] > IMPLAUSIBLE * IMPLAUSIBLE * told;
+        const bool is_well_told = told > WELL_TOLD * variance;
+        const bool is_told = is_well_told || (is_place && told > LEAST_TOLD * variance);
+        const double limit = is_well_told ? IMPLAUSIBLE : IMPLAUSIBLE_FAINT;
+        const bool is_implausible = is_told && xi[i] * xi[i] > limit * limit * told;
         return is_implausible ? std::abs(xi[i]) * variance / told : used_std[i];
     }
 
@@ -551,39 +544,83 @@ struct Problem {
         return all.segment<6>(6 * static_cast<Eigen::Index>(r));
     }
 
-    /// Information about a group's theta that noise in a run's regressors pretends (eiv_correction.h). Such noise, drawn, goes
-    /// the way that the equations go: the other unknowns take their part of it (where the IMU is takes most of what the noise
-    /// of the angular acceleration says of the CoG), and so does drift.
-    Covariance pretended(const RunWindows& run, const Equations& measured, std::size_t r, const Config& corrected) const
+    /// What noise of a run's motion sensors does to a group's theta.
+    struct Pretended {
+        Covariance information = Covariance::Zero();  ///< C of eiv_correction.h: what it pretends to know
+        Theta pull = Theta::Zero();                   ///< on theta, beside C's, in the normal equations
+    };
+
+    /// Noise as strong as the run's own is drawn into its rows and goes the whole way to the equations, which change by dA and
+    /// db. The attitude follows a part of it, drift takes a part, and so do the other unknowns: the IMU's place, for instance,
+    /// most of what noise of the angular acceleration says of the CoG. C is the sum of dA^T V^-1 dA. Were db only -dA theta,
+    /// C would say all.
+    Pretended pretended(const RunWindows& run, const Equations& measured, std::size_t r, const Config& corrected) const
     {
-        constexpr Eigen::Index ALL = IPE_NOISE_DENSITY_CHANNELS * IPE_NP;
+        Pretended sum;
+        if (run.window.empty()) { return sum; }
+        const std::size_t n_draws = std::clamp(WINDOWS_DRAWN / run.window.size(), std::size_t{1}, DRAWS_MAX);
+        const std::vector<NoiseShares> share = noise_shares(run, measured, r);
+        std::mt19937_64 generator(1);
+        for (std::size_t i = 0; i < n_draws; ++i) {
+            const std::vector<ipe_row_t> rows =
+                noisy_rows(config, *runs[r].rows, runs[r].derived, run.window, share, generator);
+            const BatchRun drawn{&rows, runs[r].group, runs[r].derived};
+            RunWindows noisy = windows_under(config, corrected, drawn, xi);
+            hold_rest_of(run, noisy);
+            add_pretended(run, measured, noisy, equations(noisy, drawn, corrected), r, sum);
+        }
+        sum.information /= static_cast<double>(n_draws);
+        sum.pull /= static_cast<double>(n_draws);
+        return sum;
+    }
+
+    /// Shares of a run's noise that can be noise. What shakes the platform looks like it, and is none: the cables pull with it.
+    /// Noise leaves residuals, so it is at most what leaves as much as V says (eiv_correction.h).
+    std::vector<NoiseShares> noise_shares(const RunWindows& run, const Equations& measured, std::size_t r) const
+    {
         const Theta& x = theta[static_cast<std::size_t>(runs[r].group)];
-        const Eigen::MatrixXd taken = taken_by_others(runs[r].group);
-        Drift drift(config.c(), !free.empty(), is_weight_known, ALL + 1);
-        Covariance C = Covariance::Zero();
-        WindowNoise noise;
+        Drift drift(config.c(), !free.empty(), is_weight_known, 1);
+        std::vector<NoiseShares> found(run.window.size());
         for (std::size_t k = 0; k < run.window.size(); ++k) {
-            const std::array<Regressor, IPE_NOISE_DENSITY_CHANNELS> by = by_noise(run.window[k], runs[r].derived);
-            Eigen::MatrixXd rows(6, ALL + 1);
-            const auto draw = noise.next();
-            for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) {
-                const auto at = static_cast<std::size_t>(i);
-                Regressor left = by[at];
-                if (!by[at].isZero()) { left += columns_by_noise(measured, k, runs[r], corrected, i, by[at]) * taken; }
-                rows.middleCols<IPE_NP>(IPE_NP * i) = draw[at] * left;
-            }
-            rows.col(ALL) = measured.residual(k);
+            Eigen::MatrixXd e = measured.residual(k);
             const Drift::Spread spread =
-                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V[r], rows);
+                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V[r], e);
             const Eigen::LLT<Square6> L(Square6(spread.drift + spread.noise));
-            L.matrixL().solveInPlace(rows);
-            for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) {
-                const Column6 residual = L.matrixL().solve(Column6(by[static_cast<std::size_t>(i)] * x));
-                const auto of_channel = rows.middleCols<IPE_NP>(IPE_NP * i);
-                C += of_channel.transpose() * of_channel / std::max(1.0, residual.squaredNorm());
+            const auto dY = regressor_noise(run.window[k], runs[r].derived);
+            for (std::size_t i = 0; i < NOISE_CHANNELS; ++i) {
+                const double left = L.matrixL().solve(Column6(dY[i] * x)).norm();
+                found[k][i] = 1.0 / std::max(1.0, left);
             }
         }
-        return C;
+        return found;
+    }
+
+    /// Add what one draw of noise does to the normal equations of a group's theta.
+    void add_pretended(const RunWindows& run, const Equations& measured, const RunWindows& noisy,
+                       const Equations& drawn, std::size_t r, Pretended& sum) const
+    {
+        const int group = runs[r].group;
+        const Eigen::MatrixXd taken = taken_by_others(group);
+        Drift drift(config.c(), !free.empty(), is_weight_known, IPE_NP + 2);
+        for (std::size_t k = 0, j = 0; k < run.window.size(); ++k) {
+            while (j < noisy.window.size() && noisy.window[j].t_ns < run.window[k].t_ns) { ++j; }
+            Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(6, IPE_NP + 2);
+            if (j < noisy.window.size() && noisy.window[j].t_ns == run.window[k].t_ns) {
+                const Eigen::MatrixXd change = drawn.rows.middleRows<6>(6 * static_cast<Eigen::Index>(j)) -
+                                               measured.rows.middleRows<6>(6 * static_cast<Eigen::Index>(k));
+                rows.leftCols<IPE_NP>() = change.middleCols<IPE_NP>(IPE_NP * group) +
+                                          change.middleCols(IPE_NP * n_groups, n - IPE_NP * n_groups) * taken;
+                rows.col(IPE_NP) = change.col(n);
+            }
+            rows.col(IPE_NP + 1) = measured.residual(k);
+            const Drift::Spread spread =
+                drift.take_out(run.window[k], measured.by_drift[k], measured.by_unknown[k], V[r], rows);
+            Eigen::LLT<Square6>(Square6(spread.drift + spread.noise)).matrixL().solveInPlace(rows);
+            const auto dA = rows.leftCols<IPE_NP>();
+            const Covariance C = dA.transpose() * dA;
+            sum.information += C;
+            sum.pull += C * theta[static_cast<std::size_t>(group)] + dA.transpose() * rows.col(IPE_NP);
+        }
     }
 
     /// What a change of theta of a group moves the unknowns that all groups share by [][10].
@@ -592,39 +629,6 @@ struct Problem {
         const Eigen::Index at = IPE_NP * group, first = IPE_NP * n_groups;
         const Eigen::MatrixXd with = P.block(at, first, IPE_NP, n - first);
         return P.block<IPE_NP, IPE_NP>(at, at).ldlt().solve(with).transpose();
-    }
-
-    /// Y of a window by one sigma of white noise of each channel of accelerometer and gyro; 0 where it is smoothed instead.
-    static std::array<Regressor, IPE_NOISE_DENSITY_CHANNELS> by_noise(const ipe_average_t& a, Derived derived)
-    {
-        std::array<Regressor, IPE_NOISE_DENSITY_CHANNELS> found;
-        for (int i = 0; i < IPE_NOISE_DENSITY_CHANNELS; ++i) {
-            const double still[6] = {0.0};
-            Eigen::Matrix<double, 6, 1> std = Eigen::Matrix<double, 6, 1>::Zero();
-            if (i < 3 && !derived.force) { std[i] = std::sqrt(a.s_variance[i]); }
-            if (i >= 3 && !derived.rate) { std[i] = std::sqrt(a.alpha_variance[i - 3]); }
-            ipe_regressor(std.data(), still, std.data() + 3, as_array(found[static_cast<std::size_t>(i)]));
-        }
-        return found;
-    }
-
-    /// shared_columns() of window k by one sigma of the same noise of channel i, which makes dY of Y: the tensions that the
-    /// model makes have it, too.
-    Eigen::MatrixXd columns_by_noise(const Equations& measured, std::size_t k, const BatchRun& of,
-                                     const Config& corrected, int i, const Regressor& dY) const
-    {
-        const Theta& x = theta[static_cast<std::size_t>(of.group)];
-        const SmoothWindow& at = measured.at[k];
-        SmoothWindow noisy = at;
-        ipe_average_t& a = noisy.average;
-        if (i < 3) {
-            a.s[i] += std::sqrt(a.s_variance[i]);
-        } else {
-            a.alpha[i - 3] += std::sqrt(a.alpha_variance[i - 3]);
-        }
-        reproduce(measured.W[k], -dY * x, a);
-        return shared_columns(systematic_columns(corrected, of.derived, noisy, x), measured.W[k], a) -
-               shared_columns(systematic_columns(corrected, of.derived, at, x), measured.W[k], at.average);
     }
 
     BatchFit fit_of(const RunWindows& run, std::size_t r, const Equations& measured) const
@@ -664,14 +668,58 @@ struct Problem {
         return found;
     }
 
+    /// Cost that one step from the start leaves if the forces are late by `delay` [s], whatever is stated of it. Infinite where
+    /// no calibration can have it.
+    double cost_with_force_delay(double delay) const
+    {
+        Problem start(*this);
+        start.go_to({prior_mean, Eigen::VectorXd::Zero(xi.size()), Eigen::VectorXd::Zero(n_geometry)});
+        start.xi[IPE_XI_FORCE_DELAY] = delay;
+        start.used_std[IPE_XI_FORCE_DELAY] = FORCE_DELAY_UNKNOWN;
+        try {
+            return start.weighted(start.pass()).least_cost();
+        } catch (const std::invalid_argument&) {
+            return HUGE_VAL;
+        }
+    }
+
+    /// A delay [s] of the forces under which one step from the start leaves less than there is here. None: 0.
+    double better_force_delay() const
+    {
+        double best = 0.0;
+        if (place(IPE_XI_FORCE_DELAY) < 0) { return best; }
+        double least = weighted(pass()).cost() - FORCE_DELAY_WORTH;
+        for (const double delay : FORCE_DELAYS_TRIED) {
+            const double cost = cost_with_force_delay(delay);
+            if (cost < least) { best = delay, least = cost; }
+        }
+        return best;
+    }
+
+    /// Start there, its prior as wide.
+    void start_with_force_delay(double delay)
+    {
+        xi[IPE_XI_FORCE_DELAY] = delay;
+        used_std[IPE_XI_FORCE_DELAY] = std::max(used_std[IPE_XI_FORCE_DELAY], std::abs(delay));
+    }
+
+    /// Cost at another problem's point, under the weights and priors here.
+    double cost_at(const Problem& other) const
+    {
+        Problem there(*this);
+        there.go_to(other.point());
+        there.used_std[IPE_XI_FORCE_DELAY] = other.used_std[IPE_XI_FORCE_DELAY];
+        return there.weighted(there.pass()).cost();
+    }
+
     /// A low-pass of the forces seen from where a problem without one has ended, whose columns this problem has and one more.
     struct LowPass {
         bool is_told;
         Eigen::VectorXd effect;  ///< on the other unknowns, of one sigma of it
     };
 
-    /// Measured tensions in the low-pass's column make it too low, tensions that the motion asks for too high, as each have
-    /// noise in common with the residual: it is told where both say much the same, some sigmas from none.
+    /// Measured tensions in its column make the low-pass too low. Tensions that the motion asks for make it too high. Both have
+    /// noise in common with the residual. The low-pass is told where both give the same sign, LOW_PASS_TOLD sigmas from none.
     LowPass low_pass(const Problem& without)
     {
         theta = without.theta, xi = without.xi, geometry = without.geometry;
@@ -714,7 +762,7 @@ struct Problem {
             const auto means = p.means[r].leftCols(n);
             H_prior += means.transpose() * means;
             if (!p.run[r].window.empty()) { cut(p.run[r], r, whitened(p.run[r], p.measured[r], V[r]), block); }
-            spurious.push_back(free.empty() ? Covariance::Zero().eval()
+            spurious.push_back(free.empty() ? Pretended{}
                                             : pretended(p.run[r], p.measured[r], r, calibrated(config, xi)));
         }
     }
@@ -750,7 +798,8 @@ struct Problem {
         geometry += dz.tail(n_geometry);
     }
 
-    BentBy bent_by = BentBy::BOTH;  ///< what the low-pass's column is made of
+    enum class BentBy { BOTH, TENSIONS, MOTION };
+    BentBy bent_by = BentBy::BOTH;  ///< tensions that the low-pass's column is made of: between, measured, asked for
     const Config& config;
     const std::vector<BatchRun>& runs;
     const BatchSettings& settings;
@@ -761,8 +810,8 @@ struct Problem {
     std::vector<Eigen::MatrixXd> prior_rows;
     std::vector<ipe_body_t> prior_std_body;
     std::vector<Square6> V;
-    std::vector<Covariance> spurious;  ///< information about theta that noise in each run's regressors pretends
-    bool is_weight_known = false;      ///< V is learnt: windows that stand out count for less
+    std::vector<Pretended> spurious;  ///< what noise of each run's motion sensors does to theta
+    bool is_weight_known = false;     ///< V is learnt: windows that stand out count for less
     double n_observed =
         0.0;  ///< unknowns that the data determine, and so fit to their noise; a prior that stays counts for none
     std::vector<BatchFit> fit;

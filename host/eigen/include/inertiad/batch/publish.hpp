@@ -7,14 +7,16 @@
 
 namespace inertiad::detail {
 
-/// Information about a group's theta that noise in its runs' regressors pretends.
-inline Covariance spurious_information(const Problem& problem, int group)
+/// What noise of its runs' motion sensors does to a group's theta.
+inline Problem::Pretended pretended(const Problem& problem, int group)
 {
-    Covariance C = Covariance::Zero();
+    Problem::Pretended sum;
     for (std::size_t r = 0; r < problem.runs.size(); ++r) {
-        if (problem.runs[r].group == group) { C += problem.spurious[r]; }
+        if (problem.runs[r].group != group) { continue; }
+        sum.information += problem.spurious[r].information;
+        sum.pull += problem.spurious[r].pull;
     }
-    return C;
+    return sum;
 }
 
 /// One group's published body. The plain fit of theta alone is published without the errors-in-variables correction.
@@ -22,11 +24,12 @@ inline BatchBody publish_body(const Problem& problem, int group)
 {
     const auto g = static_cast<std::size_t>(group);
     const Covariance F = problem.prior_rows[g].inverse(), prior = F * F.transpose();
-    ipe_solution_t s =
-        solution(problem.config, problem.theta[g], problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group));
+    const Covariance P = problem.P.block<IPE_NP, IPE_NP>(IPE_NP * group, IPE_NP * group);
+    const Problem::Pretended noise = pretended(problem, group);
+    ipe_solution_t s = solution(problem.config, problem.theta[g] - P * noise.pull, P);
     Eigen::Map<Theta>(s.prior_theta) = problem.prior_mean[g];
     Eigen::Map<Covariance>(&s.prior_covariance[0][0]) = prior;
-    if (!problem.free.empty()) { Eigen::Map<Covariance>(&s.spurious[0][0]) = spurious_information(problem, group); }
+    Eigen::Map<Covariance>(&s.spurious[0][0]) = noise.information;
     if (problem.n_geometry > 0) { s.std_geometry = 0.0; }
     s.std_common_gain = problem.common_gain_std();
     BatchBody b{};

@@ -30,8 +30,21 @@ struct RunWindows {
     std::vector<bool> is_rest;
 };
 
+/// At rest rate and acceleration are zero. Only where rest prevails: few such windows do no harm, and a slow start taken for
+/// rest would.
+inline void hold_rest(RunWindows& run)
+{
+    const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
+    for (std::size_t k = 0; k < run.window.size() && 2 * n_rest > run.window.size(); ++k) {
+        if (!run.is_rest[k]) { continue; }
+        std::fill_n(run.window[k].w, 3, 0.0);
+        std::fill_n(run.window[k].ww, 6, 0.0);
+        std::fill_n(run.window[k].alpha, 3, 0.0);
+    }
+}
+
 /// At rest, as the platform has it (pose_dwell.h), rate and acceleration are sensor noise: taken as they are they would wear
-/// the inertia down. Only where rest prevails: few such windows do no harm, and a slow start taken for rest would.
+/// the inertia down.
 inline void gate_rest(const Config& config, RunWindows& run)
 {
     ipe_pose_dwell_t dwell;
@@ -40,13 +53,19 @@ inline void gate_rest(const Config& config, RunWindows& run)
     for (const ipe_average_t& a : run.window) {
         run.is_rest.push_back(ipe_pose_dwell_push(&dwell, &config.c(), &a) > 0);
     }
-    const auto n_rest = static_cast<std::size_t>(std::count(run.is_rest.begin(), run.is_rest.end(), true));
-    for (std::size_t k = 0; k < run.window.size() && 2 * n_rest > run.window.size(); ++k) {
-        if (!run.is_rest[k]) { continue; }
-        std::fill_n(run.window[k].w, 3, 0.0);
-        std::fill_n(run.window[k].ww, 6, 0.0);
-        std::fill_n(run.window[k].alpha, 3, 0.0);
+    hold_rest(run);
+}
+
+/// The same windows as of another run are at rest.
+inline void hold_rest_of(const RunWindows& other, RunWindows& run)
+{
+    run.is_rest.clear();
+    std::size_t k = 0;
+    for (const ipe_average_t& a : run.window) {
+        while (k < other.window.size() && other.window[k].t_ns < a.t_ns) { ++k; }
+        run.is_rest.push_back(k < other.window.size() && other.window[k].t_ns == a.t_ns && other.is_rest[k]);
     }
+    hold_rest(run);
 }
 
 inline RunWindows windows_under(const Config& config, const Config& corrected, const BatchRun& run,

@@ -64,6 +64,9 @@ public:
     /// |b|^2.
     double cost() const { return R_.col(n_).squaredNorm(); }
 
+    /// |A u - b|^2 at the minimum.
+    double least_cost() const { return R_(n_, n_) * R_(n_, n_); }
+
 private:
     Eigen::TriangularView<const Eigen::Block<const Eigen::MatrixXd>, Eigen::Upper> factor() const
     {
