@@ -3,27 +3,14 @@
 
 #include "data_path.h"
 #include "estimate_file.h"
-#include "findings.h"
 #include "health.h"
 #include "message.h"
 #include "monitor.h"
+#include "result.h"
 #include "unbound.h"
 
 #include <inttypes.h>
 #include <string.h>
-
-/// The verdict and what is not good, as inertiactl fit prints them.
-static void print_verdict(const daemon_t* d)
-{
-    ipe_findings_t found;
-    ipe_findings_of(&d->pipeline->estimator, &d->pipeline->config, &found);
-    ipe_message("%s", ipe_severity_headline(ipe_findings_verdict(&found)));
-    for (int i = 0; i < found.n; ++i) {
-        const ipe_finding_t* f = &found.item[i];
-        if (f->severity == IPE_SEVERITY_GOOD) { continue; }
-        ipe_message("%s: %s; do: %s", ipe_severity_name(f->severity), f->says, f->remedy);
-    }
-}
 
 static int write_estimate(daemon_t* d)
 {
@@ -84,6 +71,6 @@ bool daemon_close(daemon_t* d)
     ipe_notify_close(&d->notify);
     health_print(d);
     if (!was_bound(d) || (d->replay.is_lock_step && d->replay.lock_step.is_broken)) { is_good = false; }
-    print_verdict(d);
+    result_print(d);
     return is_good;
 }

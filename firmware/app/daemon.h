@@ -95,15 +95,16 @@ typedef struct {
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
     loss_t foreign_commands, foreign_positions, other_positions, unused_positions;  ///< messages refused on arrival
     loss_t late[IPE_SENSOR_COUNT];                                                  ///< samples too late for the rows
-    loss_t unknown_force[IPE_CABLES_MAX];  ///< samples of force that do not tell a cable's
+    loss_t unknown_force[IPE_CABLES_MAX];        ///< samples of force that do not tell a cable's
     ipe_presence_t presence[IPE_SENSOR_COUNT];
-    int64_t presence_due_ns;               ///< data time of the next check of the sensors
-    ipe_host_facts_t facts;                ///< read at the start
-    int n_facts_ticks;                     ///< until HOST is sent again
-    int n_ticks;                           ///< since the last checkpoint
-    uint64_t n_changes_reported;           ///< payload changes
+    uint64_t n_sensor_frames[IPE_SENSOR_COUNT];  ///< frames with its values, at the last check
+    int64_t presence_due_ns;                     ///< data time of the next check of the sensors
+    ipe_host_facts_t facts;                      ///< read at the start
+    int n_facts_ticks;                           ///< until HOST is sent again
+    int n_ticks;                                 ///< since the last checkpoint
+    uint64_t n_changes_reported;                 ///< payload changes
     ipe_announcement_state_t announcement_reported;
-    double force_delay_reported;           ///< s
+    double force_delay_reported;                 ///< s
     bool is_misfit_reported;
     bool is_widening_reported;
     bool is_damage_reported;

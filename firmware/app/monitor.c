@@ -168,16 +168,30 @@ void monitor_clock(daemon_t* d)
            (double)d->clock.step_ns / (double)NS_PER_S);
 }
 
+/// Did frames of a sensor arrive since the last check? Those of an open sample are not counted yet.
+static bool has_frames(daemon_t* d, int sensor)
+{
+    const ipe_sample_assembler_t* g = &d->pipeline->sample_assembler[sensor];
+    const uint64_t n = g->n_used + g->n_dropped + g->n_duplicate;
+    const bool is_more = n > d->n_sensor_frames[sensor];
+    d->n_sensor_frames[sensor] = n;
+    return is_more;
+}
+
 static void report_presence(daemon_t* d, int64_t now_ns)
 {
     for (int s = 0; s < IPE_SENSOR_COUNT; ++s) {
+        const bool sends = has_frames(d, s);
         const int64_t newest_ns = daemon_newest_sample(d, (ipe_sensor_t)s);
         ipe_presence_t* p = &d->presence[s];
         if (s == IPE_POSITION && d->config.position_source == IPE_POSITION_FIXED) { continue; }
         const ipe_presence_change_t change = ipe_presence_look(p, d->pipeline->align.n_samples[s], newest_ns, now_ns);
         if (change == IPE_PRESENCE_SAME) { continue; }
         report(d, health_sensor_name((ipe_sensor_t)s),
-               change == IPE_PRESENCE_LOST ? "lost, silent for %.2f s" : "back after %.2f s",
+               change == IPE_PRESENCE_BACK ? "back after %.2f s"
+               : sends ? "lost, no sample for %.2f s although its frames arrive: frames are missing, or stamped "
+                         "later than its period; look at group, pace and align of HEALTH"
+                       : "lost, silent for %.2f s",
                (double)p->silence_ns / (double)NS_PER_S);
     }
 }
@@ -263,8 +277,7 @@ static void report_announcement(daemon_t* d)
     if (state < IPE_ANNOUNCEMENT_CONTACT) { return; }
     const bool was_blind = state == IPE_ANNOUNCEMENT_MISSED && !d->announcement.has_looked;
     ipe_publish_event(&d->publisher, d->last_row_ns, "expect",
-                      was_blind ? "the announced payload was not looked for: the noise is not learnt yet"
-                                : TEXT[state]);
+                      was_blind ? "the announced payload was not looked for: there was no estimate yet" : TEXT[state]);
 }
 
 static void report_force_delay(daemon_t* d)
