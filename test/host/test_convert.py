@@ -463,6 +463,36 @@ def refused(*arguments: object, run: Callable) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("form", "target"),
+    [
+        ("candump", "can.log"),
+        ("csv", "tracker.csv"),
+        ("mf4", "robot.toml"),
+        ("mat", "tracker.csv"),
+        ("json", "run.lcmlog"),
+    ],
+)
+def test_file_of_the_run_is_not_written_over(form: str, target: str, run: Path, tmp_path: Path, inertiactl):
+    before = (run / target).read_bytes()
+    assert "is what is exported" in refused("export", run, "--to", form, "-o", run / target, run=inertiactl)
+    assert (run / target).read_bytes() == before
+
+
+def test_file_beside_the_output_is_not_written_over(tmp_path: Path):
+    signals = tmp_path / "a.signals.csv"
+    signals.write_text("t,acc_x\n")
+    with pytest.raises(InputError, match=r"a\.signals\.csv: is what is exported"):
+        convert.export(signals, "csv", tmp_path / "a.csv", None, "", [])
+
+
+@pytest.mark.parametrize("form", body_formats.FORMATS)
+def test_robot_description_that_is_not_used_is_refused(form: str, tmp_path: Path):
+    with pytest.raises(InputError, match=f"--robot .* not wanted with --to {form}"):
+        convert.export(tmp_path, form, tmp_path / "x", COGIRO / "robot.toml", "", [])
+
+
+@pytest.mark.slow
 def test_unknown_format_lists_the_known_ones(run: Path, tmp_path: Path, inertiactl):
     text = refused("export", run, "--to", "parket", "-o", tmp_path / "x", run=inertiactl)
     for name in (*file_formats.FORMATS, *body_formats.FORMATS):

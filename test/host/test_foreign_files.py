@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recordings of other tools, by format: every sensor with its values and its own rate; odd files end with one line."""
 
+import io
 import json
 import shutil
+import struct
+import zlib
 from pathlib import Path
 
 import can
@@ -10,6 +13,8 @@ import foreign_recordings as recorded
 import numpy as np
 import pytest
 from conftest import COGIRO, minimal_toml
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from inertiad.base.error import InputError
 from inertiad.exchange import channels, convert, file_formats, foreign_import, foreign_messages
@@ -193,6 +198,76 @@ def test_only_whole_names_are_left_out(tmp_path: Path):
     }
     found = foreign_messages.read_mcap(_mcap(tmp_path, [row, row]))
     assert {channel.name for channel in found} == {"/a.sequence_gain", "/a.subheader", "/a.covariance_gain"}
+
+
+def test_length_of_a_wrench_topics_force_is_a_cable_force(tmp_path: Path):
+    """Force sensors in line with the cables, a WrenchStamped each."""
+    forces = {"/cable_1/wrench": (3.0, 4.0, 12.0), "/force_sensor_2": (0.0, 0.0, -50.0), "/other": (1.0, 0.0, 0.0)}
+    path = tmp_path / "wrench.bag2"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    of, kind = store.types, "geometry_msgs/msg/WrenchStamped"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic in forces}
+        for t in range(1, 4):
+            head = of["std_msgs/msg/Header"](of["builtin_interfaces/msg/Time"](t, 0), "x")
+            for topic, force in forces.items():
+                vector = of["geometry_msgs/msg/Vector3"]
+                wrench = of["geometry_msgs/msg/Wrench"](vector(*force), vector(9.0, 9.0, 9.0))
+                writer.write(connections[topic], t * 10**9, store.serialize_cdr(of[kind](head, wrench), kind))
+    found = channels.summary(path)
+    mapped = channels.mapped(path, found, channels.proposed_mapping(path, found))
+    assert {name: channel.value.tolist() for name, channel in mapped.items()} == {"f_1": [13.0] * 3, "f_2": [50.0] * 3}
+    text = '[channels.f_1]\nchannel = "/cable_1/wrench.wrench.force.z"\nscale = 2.0\n'
+    (tmp_path / "map.toml").write_text(text)
+    chosen = channels.mapped(path, found, channels.read_mapping(tmp_path / "map.toml"))
+    assert chosen["f_1"].value.tolist() == [24.0] * 3
+
+
+# ---- objects of MATLAB -----------------------------------------------------------------------------------------------
+
+
+def _element(kind: int, data: bytes) -> bytes:
+    return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
+
+
+def _mat5_object(path: Path, name: bytes, kind: bytes, is_compressed: bool) -> Path:
+    """A variable of mxOPAQUE_CLASS, as MATLAB saves a table; no MATLAB was at hand."""
+    from scipy.io import savemat
+
+    inner = io.BytesIO()
+    savemat(inner, {"x": np.zeros((6, 1), np.uint32)})
+    head, flags = inner.getvalue()[:128], _element(6, struct.pack("<II", 17, 0))
+    content = flags + _element(1, name) + _element(1, b"MCOS") + _element(1, kind) + inner.getvalue()[128:]
+    whole = struct.pack("<II", 14, len(content)) + content
+    if is_compressed:
+        packed = zlib.compress(whole)
+        whole = struct.pack("<II", 15, len(packed)) + packed
+    path.write_bytes(head + whole)
+    return path
+
+
+@pytest.mark.parametrize("is_compressed", [False, True])
+def test_matlab_table_is_refused_with_what_to_save_instead(is_compressed: bool, tmp_path: Path):
+    path = _mat5_object(tmp_path / "log.mat", b"run1", b"timetable", is_compressed)
+    assert convert.is_foreign(path)
+    with pytest.raises(InputError, match=r"run1 is a timetable.*parquetwrite"):
+        channels.summary(path)
+
+
+def test_matlab_timeseries_of_version_73_is_refused_and_a_string_is_left_out(tmp_path: Path):
+    import h5py
+
+    def write(kind: str) -> Path:
+        path = tmp_path / f"{kind}.mat"
+        with h5py.File(path, "w") as file:
+            file["run/t"], file["run/force_1"] = np.arange(5.0)[None], np.ones((1, 5))
+            one = file.create_dataset("run/one", data=np.array([[0xDD000000, 2, 1, 1, 1, 1]], np.uint32))
+            one.attrs["MATLAB_class"], one.attrs["MATLAB_object_decode"] = np.bytes_(kind), np.int32(3)
+        return path
+
+    with pytest.raises(InputError, match=r"run.one is a timeseries.*timeseries2timetable"):
+        channels.summary(write("timeseries"))
+    assert [item.channel.name for item in channels.summary(write("string"))] == ["run.force_1"]
 
 
 # ---- odd files -------------------------------------------------------------------------------------------------------

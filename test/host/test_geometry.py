@@ -11,6 +11,7 @@ from conftest import COGIRO, TOP, minimal_toml
 from inertiad.base.error import InputError
 from inertiad.report import view
 from inertiad.robot import configuration, description, geometry, template
+from inertiad.robot.template import example_geometry
 
 ROBOTS = [*COGIRO.glob("robot*.toml"), *(TOP / "firmware/robots/devices").glob("*.toml")]
 
@@ -31,14 +32,15 @@ def test_nothing_is_wrong_with_real_robots(path):
 
 @pytest.mark.parametrize("n", range(1, 17))
 def test_nothing_is_wrong_with_new_robots(robot_file, n):
-    assert findings(robot_file(new_text(n))) == []
+    assert [finding.name for finding in findings(robot_file(new_text(n)))] == ["example_places"]
 
 
 def with_cables(change, n=8):
-    """A new robot's text with each cable's anchor and attachment changed."""
+    """A new robot's text with each cable's anchor and attachment changed, and moved off the example by 1 mm."""
     lines = []
     for i, (anchor, attachment) in enumerate(template.example_geometry(n)):
         anchor, attachment = change(i, anchor, attachment)
+        anchor = [anchor[0] + 1e-3, *anchor[1:]]
         lines.append(f"[[cable]]\nanchor = {[float(v) for v in anchor]}\nattachment = {[float(v) for v in attachment]}")
     return 'name = "x"\n' + "\n".join(lines) + "\n"
 
@@ -177,3 +179,14 @@ def test_view_draws_a_robot_whose_cable_has_no_direction(robot_file, tmp_path):
     said = view.write(path, page, "inertiactl view", lambda step: None)
     assert any("direction" in line for line in said), said
     assert "A cable has no direction in this place" in page.read_text()
+
+
+def test_places_of_the_template_are_named_until_they_are_replaced(inertiactl, tmp_path):
+    path = tmp_path / "robot.toml"
+    assert inertiactl("init", "--cables", "6", "-o", path).returncode == 0
+    done = inertiactl("compile", path, "-o", tmp_path / "robot.cfg")
+    assert done.returncode == 0 and "care: cables 1, 2, 3, 4, 5, 6 are at the example places" in done.stderr
+    for cable, (anchor, _) in enumerate(example_geometry(6)):
+        path.write_text(path.read_text().replace(f"anchor = {anchor}", f"anchor = {[v + 0.01 for v in anchor]}"))
+        said = inertiactl("compile", path, "-o", tmp_path / "robot.cfg").stderr if cable in (2, 5) else ""
+        assert ("are at the example places" in said) == (cable == 2)

@@ -223,3 +223,16 @@ def test_init_takes_cables_and_rate_from_a_recording(inertiactl, tmp_path, robot
     assert done.returncode == 0, done.stderr
     made = description.load(tmp_path / "new.toml")
     assert (made.n_cables, made.imu.rate) == (4, 200.0)
+
+
+def test_cells_that_are_not_finite_are_no_samples(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,f_1 [N],f_2 [N]\n0,inf,nan\n1,2,nan\n2,nan,-inf\nnan,3,1\n4,5,nan\n")
+    (only,) = foreign_csv.read(path)
+    assert (only.name, only.t.tolist(), only.value.tolist()) == ("f_1", [1.0, 4.0], [2.0, 5.0])
+
+
+def test_damaged_mdf_ends_with_one_line(inertiactl, tmp_path):
+    (tmp_path / "log.mf4").write_bytes(b"MDF     4.10    " + bytes(200))
+    done = inertiactl("import", tmp_path / "log.mf4", "-o", tmp_path / "run")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr

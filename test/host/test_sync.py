@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -222,3 +223,31 @@ def test_clock_in_words(tmp_path, synchronised, words):
     (tmp_path / "header.json").write_text(json.dumps({"host": "lab", "clock": {"kernel": kernel}}))
     good, text = host_info.clock_in_words(tmp_path)
     assert good == synchronised and words in text and text.startswith("lab: ")
+
+
+def test_posterior_keeps_its_digits_where_normal_equations_lose_them():
+    """A tilt seen 1e9 times as well as by its prior, beside what is hardly seen: solved in rational numbers."""
+    R = np.array([[3e9, 1e9, 7.0], [0.0, 2.0, 1e-3], [0.0, 0.0, 1e-4]])
+    z, std = np.array([1e8, 0.3, -2e-5]), np.array([1.0, 0.5, 2.0])
+    theta, P = time_delay._posterior(R, z, std)
+    exact = [[Fraction(v) for v in row] for row in R]
+    size = range(3)
+    normal = [[sum(exact[k][i] * exact[k][j] for k in size) for j in size] for i in size]
+    for i in size:
+        normal[i][i] += 1 / Fraction(std[i]) ** 2
+    right = [sum(exact[k][i] * Fraction(z[k]) for k in size) for i in size]
+    unit = [[Fraction(int(i == j)) for j in size] for i in size]
+    found = [_solved(normal, column) for column in (right, *unit)]
+    np.testing.assert_allclose(theta, [float(v) for v in found[0]], rtol=1e-7)
+    np.testing.assert_allclose(np.diag(P), [float(found[1 + i][i]) for i in size], rtol=1e-7)
+
+
+def _solved(A: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:
+    """Gauss-Jordan without rounding."""
+    rows = [[*row, value] for row, value in zip(A, b, strict=True)]
+    for i in range(len(rows)):
+        rows[i] = [v / rows[i][i] for v in rows[i]]
+        for k in range(len(rows)):
+            if k != i:
+                rows[k] = [v - rows[k][i] * w for v, w in zip(rows[k], rows[i], strict=True)]
+    return [row[-1] for row in rows]

@@ -14,7 +14,7 @@ from conftest import COGIRO, ISOLATED, TOP
 import inertiad_core
 from inertiad.base import installation
 from inertiad.base.error import InputError
-from inertiad.check import verify
+from inertiad.check import daemon_run, verify
 from inertiad.control.daemon import Daemon
 from inertiad.robot import configuration, dbc, description
 from inertiad.run import lcmlog
@@ -248,3 +248,10 @@ def test_missing_daemon_names_the_option_where_there_is_one(run: Path, monkeypat
         verify.verify(verify.Options(run), lambda _: None)
     with pytest.raises(InputError, match=r"not found; run make build$"):
         Daemon(run / "robot.cfg", tmp_path / "said")
+
+
+def test_times_since_1970_of_a_tracker_file_are_the_daemons():
+    """A double holds them to 0.2 us only; the daemon reads the digits."""
+    for t_ns in range(1_763_650_456_278_868_000, 1_763_650_456_378_868_000, 8_333_000):
+        assert daemon_run.seconds(t_ns) == float(f"{t_ns // 10**9}.{t_ns % 10**9:09d}")
+    assert daemon_run.seconds(123_456_789) == 0.123456789

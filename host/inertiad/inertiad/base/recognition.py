@@ -69,6 +69,10 @@ def recognise(name: str, unit: str = "") -> str | None:
         return vector
     if found[-1] in _ANGLES and _measures(unit, "angle"):
         return _ANGLES[found[-1]]
+    if found[-1] == "norm" and "force" in found:  # /cable_1/wrench.wrench.force.norm
+        while found and not found[-1].isdigit():
+            found.pop()
+        return recognise(" ".join(found), unit)
     if found[-1].isdigit() and any(re.fullmatch(_FORCE, word) for word in found[:-1]) and _measures(unit, "force"):
         number = int(found[-1])
         return f"f_{number}" if 1 <= number <= quantity.CABLES_MAX else None

@@ -38,7 +38,7 @@ class Case:
     log: CanLog
     raw: CanLog
     published: Published
-    positions: list[tuple[int, list[float]]]
+    positions: list[tuple[float, list[float]]]
     bindings: list[Binding]
     run: Path
     is_blind: bool = False

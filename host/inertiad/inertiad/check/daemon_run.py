@@ -210,12 +210,17 @@ def live(setup: Setup, buses: list[str], n_frames: int) -> Published:
     return published
 
 
-def positions_of(setup: Setup, published: Published) -> list[tuple[int, list[float]]]:
-    """The positions the daemon was given: host time [ns], [3] m."""
+def positions_of(setup: Setup, published: Published) -> list[tuple[float, list[float]]]:
+    """The positions the daemon was given: host time [s], [3] m."""
     if not setup.with_tracker:
         return []
     if published.is_live:
-        return [(m.t_ns, list(m.position)) for m in published.messages["TRACKER"] if m.valid]
+        return [(seconds(m.t_ns), list(m.position)) for m in published.messages["TRACKER"] if m.valid]
     table = tracker_csv.read(setup.run / "tracker.csv")
-    t_ns = np.rint(1e9 * table.t).astype(np.int64)
-    return list(zip(t_ns.tolist(), table.stack("x", "y", "z").tolist(), strict=True))
+    times = [round(t, 9) for t in table.t.tolist()]
+    return list(zip(times, table.stack("x", "y", "z").tolist(), strict=True))
+
+
+def seconds(t_ns: int) -> float:
+    """s nearest to t_ns, as a file of times in s gives them: since 1970 they are known to 0.2 us only."""
+    return round(t_ns / 10**9, 9)

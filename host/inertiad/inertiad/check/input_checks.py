@@ -168,7 +168,7 @@ def check_positions(case: Case) -> Iterator[Check]:
         return
     items = [i for m in case.published.messages["ORDER"] for i in m.item if i.kind == order_item_t.POSITION]
     sent = {(t, *xyz) for t, xyz in case.positions}
-    foreign = sum((i.t_ns, *i.value) not in sent for i in items)
+    foreign = sum((daemon_run.seconds(i.t_ns), *i.value) not in sent for i in items)
     n, silences = len(items), case.published.summary.get("position.silences", 0)
     detail = f"{n} of {len(case.positions)} used" + (f", {foreign} of them were not sent" if foreign else "")
     detail += f"; silent {silences} times" if silences else ""

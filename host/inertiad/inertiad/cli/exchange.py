@@ -73,22 +73,36 @@ def import_command(
         list[Path] | None,
         typer.Option("--dbc", metavar="FILE", help="DBC of a CAN log's bus, also several: its signals are channels."),
     ] = None,
+    tracker: Annotated[
+        Path | None, typer.Option("--tracker", metavar="FILE", help="Positions that another program recorded.")
+    ] = None,
+    tracker_start: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Time in the first FILE at which the clock of --tracker is 0."),
+    ] = None,
 ) -> None:
     """Convert another tool's file into a run folder: signals.csv, tracker.csv, can.log, as far as it holds them.
 
     A file with other names, units or separators, or with sensors of different rates: its channels are listed, a mapping
     to quantities is proposed from names, units and values, used, and written into RUN, to be changed and given back
     by --map. Read like this: CSV, Parquet, MATLAB 5 and 7.3, MDF 4, MCAP (JSON, protobuf), ROS bags (the folder of
-    ROS 2), and with --dbc CAN logs (.log .asc .blf .trc .mf4).
+    ROS 2), exports of Motive, Vicon and Qualisys, and with --dbc CAN logs (.log .asc .blf .trc .mf4).
+
+    --tracker joins the positions of a second recording to the first. Their clocks may differ: unless --tracker-start
+    says by how much, the motion does, and whether y or z points up. A CAN log needs --dbc, or --robot with [signals].
     """
+    from inertiad.base.error import InputError
     from inertiad.exchange import channels, convert, foreign_import
 
     remarks: list[str] = []
     with progress_shown() as progress:
         progress(f"read {file}")
-        if mapping is not None or dbc or convert.is_foreign(file):
+        if tracker_start is not None and tracker is None:
+            raise InputError("--tracker-start without --tracker: pass both, or neither")
+        if mapping is not None or dbc or tracker is not None or convert.is_foreign(file):
             chosen = None if mapping is None else channels.read_mapping(mapping)
-            contents = foreign_import.import_mapped(file, output, robot, chosen, remarks, dbc or ())
+            second = None if tracker is None else foreign_import.Tracker(tracker, tracker_start)
+            contents = foreign_import.import_mapped(file, output, robot, chosen, remarks, dbc or (), second)
         else:
             contents = convert.import_file(file, output, robot, remarks)
     for line in (*remarks, *contents):

@@ -42,7 +42,7 @@ def init_command(
 
     RECORDING is any file that import reads. Then: inertiactl compile robot.toml -o robot.cfg
     """
-    from inertiad.exchange import channels
+    from inertiad.exchange import channels, foreign_import
     from inertiad.robot import template
 
     if str(output) != "-" and output.exists() and not force:
@@ -50,7 +50,7 @@ def init_command(
     title = name or (output.resolve().parent.name if str(output) != "-" else "robot")
     rate = None
     if recording is not None:
-        found = channels.summary(recording)
+        found = channels.summary(recording, None, dbc or () if foreign_import.is_can_log(recording) else ())
         n_found, rate = channels.n_forces(found), channels.rate_of(found, "acc_x")
         if cables is None and n_found == 0 and not dbc:
             raise InputError(f"{recording}: no force channels recognised in it: give --cables N")

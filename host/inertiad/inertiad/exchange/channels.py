@@ -8,7 +8,7 @@ The keys of [channels] are quantities. unit: where the file gives none, or anoth
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final, Self
 
@@ -20,7 +20,7 @@ from inertiad.base.error import InputError
 from inertiad.base.recognition import recognise
 from inertiad.base.table import Table
 from inertiad.base.text_files import read_toml, toml_value
-from inertiad.exchange import convert, foreign_csv, foreign_messages, foreign_tables
+from inertiad.exchange import convert, foreign_csv, foreign_messages, foreign_tables, motion_capture
 from inertiad.exchange.foreign_csv import Channel
 from inertiad.robot.messages import Strict, nearest_or_known, validate
 from inertiad.robot.value_types import Range
@@ -73,6 +73,8 @@ class Found:
 
     channel: Channel
     quantity: str | None
+    scale: float = 1.0
+    """proposed factor"""
 
     @property
     def text(self) -> str:
@@ -100,6 +102,8 @@ def _foreign(path: Path, time: Time) -> list[Channel]:
     ending = path.suffix.lower()
     if foreign_messages.is_bag(path):
         return foreign_messages.read_bag(path)
+    if motion_capture.kind(path) is not None:
+        return motion_capture.read(path)
     if ending == ".mf4":
         return foreign_tables.read_mf4(path)
     if ending == ".mcap":
@@ -121,7 +125,20 @@ def summary(path: Path, mapping: Mapping | None = None, dbcs: Sequence[Path] = (
         channels = of_tables(convert.read_file(path).tables)
         if not channels:
             raise InputError(f"{path}: only CAN frames in it: allowed: a recording of signals, or --dbc with their DBC")
-    return list(_proposed(channels))
+    found = list(_proposed(channels))
+    if motion_capture.kind(path) is not None:  # the axes of a rigid body need not be the platform's
+        return [item if item.quantity in quantity.POSITION else replace(item, quantity=None) for item in found]
+    return found
+
+
+def by_signals(found: list[Found], bound: dict[str, str]) -> list[Found]:
+    """The channels with the quantities that a robot's [signals] give them: bound is "MESSAGE.signal" -> quantity.
+
+    found as it is where no channel is bound.
+    """
+    if not any(item.channel.name in bound for item in found):
+        return found
+    return [Found(item.channel, bound.get(item.channel.name)) for item in found]
 
 
 def _proposed(channels: list[Channel]) -> Iterator[Found]:
@@ -204,11 +221,15 @@ def unit_remarks(found: list[Found]) -> list[str]:
     ]
 
 
-def mapping_text(path: Path, found: list[Found]) -> str:
-    """The proposed mapping of a recording as TOML, with every channel it has as a comment."""
+def mapping_text(path: Path, found: list[Found], options: str = "") -> str:
+    """The proposed mapping of a recording as TOML, with every channel it has as a comment.
+
+    options: of import besides those that every mapping needs.
+    """
     in_g = _accelerations_in_g(found)
     lines = [f"# Mapping of the channels of {path.name} to quantities; check units, then:"]
-    lines += [f"# inertiactl import {path.name} --map run/{path.stem}.map.toml --robot robot.toml -o run", ""]
+    command = f"inertiactl import {path.name} --map run/{path.stem}.map.toml --robot robot.toml{options} -o run"
+    lines += [f"# {command}", ""]
     for item in found:
         name, channel = item.quantity, item.channel
         lines.append(f"# {item.text}")
@@ -217,6 +238,7 @@ def mapping_text(path: Path, found: list[Found]) -> str:
         unit, reason = unit_of(item, in_g)
         note = f"  # the file gives no unit; assumed: {reason}" if reason and unit else ""
         lines += [f"[channels.{name}]", f"channel = {toml_value(channel.name)}", f"unit = {toml_value(unit)}{note}"]
+        lines += [f"scale = {item.scale!r}"] if item.scale != 1.0 else []
     return "\n".join(lines) + "\n"
 
 

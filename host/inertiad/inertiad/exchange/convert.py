@@ -12,13 +12,18 @@ import numpy as np
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Table, at_ns, header
-from inertiad.exchange import body_formats, dataset, file_formats, fmu, foreign_messages, foreign_tables
+from inertiad.exchange import body_formats, dataset, file_formats, fmu, foreign_messages, foreign_tables, motion_capture
 from inertiad.exchange.dataset import Dataset
 from inertiad.robot import description
 from inertiad.run import canlog
 from inertiad.run import folder as run_folder
 
 FMU: Final = "fmu"
+RUN_FILES: Final = (
+    *("robot.toml", "can.log", "signals.csv", "tracker.csv", "lengths.csv", "run.lcmlog", "estimate.json"),
+    *("truth.json", "header.json", "sync.json"),
+)
+"""of a run folder, that commands write and read"""
 IS_OWN: Final[dict[str, Callable[[Path], bool]]] = {
     ".parquet": foreign_tables.is_own_parquet,
     ".mat": foreign_tables.is_own_mat,
@@ -36,6 +41,17 @@ def _check(form: str) -> None:
         raise InputError(f'--to "{form}": unknown format: allowed: {", ".join(known)}{hint}')
 
 
+def _check_overwrites(run: Path, robot: Path | None, output: Path) -> None:
+    """InputError: output, or a file that would be written beside it, is one that a run consists of."""
+    folder = run if run.is_dir() else run.parent
+    own = [run, *(folder / name for name in RUN_FILES), *folder.glob("*.dbc")]
+    own += [] if robot is None else [robot, *robot.parent.glob("*.dbc")]
+    kept = {path.resolve() for path in own if path.exists()}
+    for target in file_formats.all_written(output):
+        if target.resolve() in kept:
+            raise InputError(f"{target}: is what is exported: allowed: another file to write")
+
+
 def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, remarks: list[str]) -> list[str]:
     """Write a run, or its identified body, in one of the known formats. Returns the contents of each file as text.
 
@@ -44,13 +60,16 @@ def export(run: Path, form: str, output: Path, robot: Path | None, prefix: str, 
     """
     _check(form)
     described = run / "robot.toml" if run.is_dir() else run
-    if output.resolve() in [path.resolve() for path in (run, robot, described) if path is not None]:
-        raise InputError(f"{output}: is what is exported: allowed: another file to write")
+    _check_overwrites(run, robot, output)
     if form == FMU:
         if robot is not None:
             raise InputError(f"--robot {robot}: not wanted with --to fmu: pass it instead of {run}")
         return [fmu.write(described, output)]
     if form in body_formats.FORMATS:
+        if robot is not None:
+            raise InputError(
+                f"--robot {robot}: not wanted with --to {form}: the body is in the platform's own frame; leave it out"
+            )
         body = body_formats.read(run)
         body_formats.write(output, body, form)
         return [f"{output}: mass {body.mass:.6g} kg"]
@@ -103,7 +122,7 @@ def is_foreign(file: Path) -> bool:
     if not file.exists():
         return False
     ending = file.suffix.lower()
-    if foreign_messages.is_bag(file):
+    if foreign_messages.is_bag(file) or ending == ".tsv" or motion_capture.kind(file) is not None:
         return True
     return _is_foreign_csv(file) if ending == ".csv" else ending in IS_OWN and not IS_OWN[ending](file)
 

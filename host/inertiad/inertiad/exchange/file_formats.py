@@ -32,6 +32,8 @@ from inertiad.exchange.mcap_file import mcap_messages
 from inertiad.run import canlog
 from inertiad.run.canlog import CanLog
 
+LAYOUTS: Final = (".foxglove.json", ".plotjuggler.xml")
+"""endings of the layouts beside an MCAP file"""
 NOTE: Final = "inertiad: SI units; W world, z up; I sensor axes; inertia as matrix entries about the CoG"
 
 
@@ -62,6 +64,12 @@ def _table(name: str, columns: dict[str, Any], source: str) -> Table:
 
 def _beside(path: Path, name: str) -> Path:
     return path.with_name(f"{path.stem}.{name}{path.suffix}")
+
+
+def all_written(path: Path) -> list[Path]:
+    """Every file that a writer of FORMATS may write for path."""
+    beside = [path.with_suffix(ending) for ending in LAYOUTS]
+    return [path, *(_beside(path, name) for name in dataset.NAMES), *beside]
 
 
 def _write_each(path: Path, data: Dataset, write: Callable[[Path, Table], None]) -> list[Path]:
@@ -166,7 +174,7 @@ def write_mcap(path: Path, data: Dataset) -> list[Path]:
             writer.add_metadata(f"units of {table.name}", {name: units.of(name) for name in names})
         _write_drawn(writer, drawn)
         writer.finish()
-    beside = (path.with_suffix(".foxglove.json"), path.with_suffix(".plotjuggler.xml"))
+    beside = tuple(path.with_suffix(ending) for ending in LAYOUTS)
     beside[0].write_text(layouts.foxglove(data, bool(drawn)), encoding="utf-8")
     beside[1].write_text(layouts.plotjuggler(data), encoding="utf-8")
     return [path, *beside]

@@ -6,6 +6,7 @@ A channel holds the rows in which its cell is not blank, so sensors of different
 
 import codecs
 import csv
+import itertools
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -53,7 +54,7 @@ def rate_of(t: Array) -> float:
     return float(1.0 / np.mean(steps[steps <= 1.5 * np.median(steps)]))
 
 
-def _text(path: Path) -> str:
+def text_of(path: Path) -> str:
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -69,7 +70,7 @@ def _text(path: Path) -> str:
     raise InputError(f"{path}: not text: allowed: UTF-8, UTF-16 with BOM, or Windows-1252")
 
 
-def _separator(lines: list[str]) -> str:
+def separator_of(lines: list[str]) -> str:
     """The one that most lines have the same number of, at least one."""
     best, most = ",", 0
     for separator in SEPARATORS:
@@ -80,7 +81,7 @@ def _separator(lines: list[str]) -> str:
     return best
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell.strip()) is not None
 
 
@@ -89,7 +90,7 @@ def _first_data_row(path: Path, rows: list[list[str]]) -> int:
 
     def is_data(row: list[str]) -> bool:
         filled = [cell for cell in row if cell.strip()]
-        return len(filled) > 0 and sum(map(_is_number, filled)) >= len(filled) / 2
+        return len(filled) > 0 and sum(map(is_number, filled)) >= len(filled) / 2
 
     for number in range(1, min(len(rows), HEAD_LINES)):
         if is_data(rows[number]) and (number + 1 >= len(rows) or is_data(rows[number + 1])):
@@ -122,18 +123,18 @@ def _numbers(path: Path, name: str, cells: list[tuple[int, str]], has_comma: boo
     try:
         return np.array([cell.replace(",", ".") if has_comma else cell for _, cell in cells], np.float64)
     except ValueError:
-        line, cell = next((line, cell) for line, cell in cells if not _is_number(cell))
+        line, cell = next((line, cell) for line, cell in cells if not is_number(cell))
         raise InputError(f'{path}: line {line}: {name} = "{cell}": allowed: a number, or blank') from None
 
 
 def _columns(path: Path) -> Iterator[tuple[str, str, list[tuple[int, str]], bool]]:
     """Name, unit, filled cells with their row's number, and whether the decimal sign is a comma, of each column."""
-    text = _text(path)
+    text = text_of(path)
     numbered = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     places, lines = [number for number, _ in numbered], [line for _, line in numbered]
     if len(lines) < 2:
         raise InputError(f"{path}: no rows below a header")
-    separator = _separator(lines[: 4 * HEAD_LINES])
+    separator = separator_of(lines[: 4 * HEAD_LINES])
     rows = list(csv.reader(lines, delimiter=separator))
     first = _first_data_row(path, rows)
     has_comma = separator != "," and any(re.fullmatch(r"\s*[+-]?\d*,\d+.*", c) for row in rows[first:] for c in row)
@@ -173,9 +174,13 @@ def read(path: Path, time: str | None = None, time_unit: str | None = None) -> l
             )
     channels = []
     for name, unit, cells, has_comma in found:
-        if name != named[0] and any(_is_number(cell) for _, cell in cells[:20]):
+        if name != named[0] and any(is_number(cell) for _, cell in cells[:20]):
             kept = [(n, cell) for n, cell in cells if n in at]
             t, value = np.array([at[n] for n, _ in kept]), _numbers(path, name, kept, has_comma)
+            there = np.isfinite(t) & np.isfinite(value)
+            kept, t, value = list(itertools.compress(kept, there)), t[there], value[there]
+            if not len(t):
+                continue
             back = np.flatnonzero(np.diff(t) <= 0.0)
             if len(back):
                 line = kept[int(back[0]) + 1][0]

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from inertiad.base import quantity
 from inertiad.base.error import InputError
 from inertiad.base.table import Array, Table
-from inertiad.exchange import channels, dataset
+from inertiad.exchange import channels, dataset, motion_capture, second_recording
 from inertiad.exchange.channels import Found, Mapping
 from inertiad.exchange.foreign_csv import Channel, rate_of
 from inertiad.robot import dbc, description
 from inertiad.robot.dbc import Binding
-from inertiad.run import encode, signals_csv, tracker_csv
+from inertiad.run import canlog, encode, signals_csv, tracker_csv
 from inertiad.run import folder as run_folder
 
 GAP_PERIODS: Final = 3.0
@@ -37,6 +37,30 @@ class Mapped:
     sensors: dict[str, Table]
     """imu, force, pos: each over its own time"""
     source: str
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """Positions in a recording of their own."""
+
+    file: Path
+    start: float | None
+    """s: time of the other recording at which its clock is 0; None: from the motion"""
+
+
+def is_can_log(file: Path) -> bool:
+    """Whether a file holds CAN frames, by its ending."""
+    return file.suffix.lower() in (".log", *canlog.OTHER_FORMATS)
+
+
+def _bound(robot_file: Path) -> tuple[list[Path], dict[str, str]]:
+    """DBC files of a robot's buses, and the quantity of each "MESSAGE.signal"."""
+    robot = description.load(robot_file)
+    if not robot.bus:
+        return [], {}
+    files = [file for bus in robot.bus for file in bus.files]
+    bindings = [b for b in dbc.bind(robot, str(robot_file)) if b.quantity not in channels.NOT_MAPPED]
+    return files, {f"{b.message.name}.{b.signal.name}": b.quantity for b in bindings}
 
 
 def _at(t: Array, name: str, channel: Channel) -> Array:
@@ -184,22 +208,31 @@ def import_mapped(
     mapping: Mapping | None,
     remarks: list[str],
     dbcs: Sequence[Path] = (),
+    tracker: Tracker | None = None,
 ) -> list[str]:
     """A recording -> a run folder. Without a mapping the proposed one is used, and written beside it.
 
-    dbcs: of a CAN log's buses. remarks: every channel with its proposal, and assumptions. Returns a line per file.
+    dbcs: of a CAN log's buses; none: those of the robot, whose [signals] then say what is what. tracker: positions that
+    were recorded elsewhere. remarks: every channel with its proposal, and assumptions. Returns a line per file.
     InputError: unusable.
     """
-    known: list[Found] = channels.summary(file, mapping, dbcs)
+    bound = _bound(robot) if robot is not None else ([], {})
+    known: list[Found] = channels.summary(file, mapping, dbcs or (bound[0] if is_can_log(file) else ()))
+    known = channels.by_signals(known, bound[1])
+    if tracker is not None:
+        known = second_recording.joined(file, known, tracker.file, mapping, tracker.start, remarks)
     run_folder.open_run(folder)
     if mapping is None:
         mapping = channels.proposed_mapping(file, known)
         proposal = folder / f"{file.stem}.map.toml"
+        options = "" if tracker is None else f" --tracker {tracker.file.name}"
         if proposal.exists():
             raise InputError(f"{proposal}: is there already; pass --map {proposal}, or remove it")
-        proposal.write_text(channels.mapping_text(file, known), encoding="utf-8")
+        proposal.write_text(channels.mapping_text(file, known, options), encoding="utf-8")
         remarks += [item.text for item in known]
         remarks += channels.unit_remarks(known)
+        if motion_capture.kind(file) == "Motive":
+            remarks.append("Motive exports y up unless told otherwise: check which channels are pos_y and pos_z")
         remarks.append(f"mapping proposed from names, units and values: check {proposal}, change it, pass --map")
     found = by_sensor(channels.mapped(file, known, mapping), str(file), remarks)
     remarks += _rate_remarks(found)

@@ -2,8 +2,9 @@
 """Recordings of messages as channels: MCAP (JSON and protobuf), ROS bags, CAN logs with the DBC files of their buses.
 
 Every number of a message is a channel, named by topic and field: /imu/data.linear_acceleration.x; numbers of arrays
-count from 0. Its time is the stamp in the message, where every message of the topic has one and not all are zero, else
-the recorder's. A CAN message that came on several interfaces has a set of channels for each: can1:IMU.acc_x.
+count from 0; a force vector has its length besides: /cable_1.wrench.force.norm. Its time is the stamp in the message,
+where every message of the topic has one and not all are zero, else the recorder's. A CAN message that came
+on several interfaces has a set of channels for each: can1:IMU.acc_x.
 """
 
 import json
@@ -27,6 +28,8 @@ from inertiad.run.canlog import CanLog
 
 ELEMENTS_MAX: Final = 64
 """of an array that become channels: images and point clouds are no signals"""
+FORCE_X: Final = "force.x"
+"""ends the name of a force vector's first component"""
 STAMPS: Final = ("t_ns", "stamp", "timestamp", "t", "time")
 LEFT_OUT: Final = ("header", "seq", "layout")
 COVARIANCE: Final = "covariance"
@@ -79,7 +82,19 @@ class _Collected:
                 found.append(channel)
         if not found:
             raise InputError(f"{self.path}: no message with numbers in it")
-        return found
+        return [*found, *_force_norms(found)]
+
+
+def _force_norms(channels: list[Channel]) -> Iterator[Channel]:
+    """The length of each force vector, as of a WrenchStamped: of a sensor in line with a cable it is the tension."""
+    by_name = {channel.name: channel for channel in channels}
+    for name, x in by_name.items():
+        if name.endswith(FORCE_X):
+            place = name.removesuffix("x")
+            axes = [by_name.get(place + axis) for axis in "xyz"]
+            if all(axis is not None and np.array_equal(axis.t, x.t) for axis in axes):
+                values = [axis.value for axis in axes if axis is not None]
+                yield Channel(f"{place}norm", x.unit, x.t, np.linalg.norm(values, axis=0))
 
 
 def _numbers(value: Any, place: str = "") -> Iterator[tuple[str, float]]:

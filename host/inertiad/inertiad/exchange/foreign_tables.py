@@ -6,7 +6,13 @@ without a value is no sample, so sensors of different rates in one table keep th
 columns: x y z of three, 0 .. 3 of four (a quaternion, w first), 1 .. k of others.
 """
 
+import contextlib
+import itertools
+import struct
+import traceback
+import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +29,13 @@ EXPANDS_MOST: Final = 1000.0
 """bytes of content per byte of file: real recordings compress tenfold at most"""
 EXPANDS_FROM: Final = 100e6
 """bytes of content below which nothing is refused"""
+MAT5_HEAD: Final = 128
+OPAQUE_BYTES: Final = 1024
+"""bytes of a variable that hold the names of an object and its class"""
+MI_COMPRESSED: Final = 15
+DATA_CLASSES: Final = ("table", "timetable", "timeseries", "datetime", "duration")
+"""of MATLAB, whose objects may hold what is wanted; others, as string, are left out"""
+MX_OPAQUE: Final = b"\x11"
 AXES: Final = {3: ("x", "y", "z"), 4: ("0", "1", "2", "3")}
 Column = tuple[str, str, Array]
 """name, unit, values [N]"""
@@ -65,6 +78,15 @@ def needs_time(path: Path, found: list[Channel], names: list[str], time: str | N
         listed = f"; columns: {', '.join(names[:24])}" if names else ""
         raise InputError(f"{path}: {wanted} with columns of numbers beside it{listed}")
     return found
+
+
+def _objects_in(tree: dict[str, Any], place: str = "") -> Iterator[str]:
+    """Names and classes of the MATLAB objects in nested structs."""
+    for name, one in tree.items():
+        if isinstance(one, dict):
+            yield from _objects_in(one, f"{place}{name}.")
+        elif isinstance(one, _Object):
+            yield f"{place}{name} is a {one.kind}"
 
 
 def _check_size(path: Path, n_bytes: float) -> None:
@@ -152,11 +174,62 @@ def _of_struct(value: Any) -> Any:
     return value
 
 
+@dataclass(frozen=True)
+class _Object:
+    """An object of a MATLAB class, as a table or timeseries: its layout is not published."""
+
+    kind: str
+
+
 def _mat5(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatlabObject
 
+    objects: dict[str, Any] = {name: _Object(kind) for name, kind in _opaque(path)}
+    if objects:
+        return objects
     _check_size(path, sum(8.0 * float(np.prod(shape)) for _, shape, _ in whosmat(path)))
-    return {name: _of_struct(value) for name, value in loadmat(path).items() if not name.startswith("__")}
+    found: dict[str, Any] = {}
+    for name, value in loadmat(path).items():
+        if isinstance(value, MatlabObject):
+            found[name] = _Object(str(value.classname))
+        elif not name.startswith("__"):
+            found[name] = _of_struct(value)
+    return found
+
+
+def _opaque(path: Path) -> Iterator[tuple[str, str]]:
+    """Name and class of a MATLAB 5 file's variables that are objects of mxOPAQUE_CLASS, which scipy cannot list."""
+    with path.open("rb") as file:
+        if file.read(MAT5_HEAD)[-2:] != b"IM":  # little-endian, as every machine of today writes
+            return
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack("<II", tag)
+            head = file.read(min(size, OPAQUE_BYTES))
+            file.seek(size - len(head), 1)
+            if kind == MI_COMPRESSED:
+                with contextlib.suppress(zlib.error):
+                    head = zlib.decompressobj().decompress(head, OPAQUE_BYTES)[8:]
+            if head[8:9] == MX_OPAQUE:
+                words = list(itertools.islice(_mat5_texts(head[16:]), 3))
+                if len(words) == 3 and words[2] not in ("", "FileWrapper__"):
+                    yield words[0], words[2]
+
+
+def _mat5_texts(data: bytes) -> Iterator[str]:
+    """The texts of consecutive elements of a MATLAB 5 file."""
+    while len(data) >= 8:
+        kind, size = struct.unpack("<II", data[:8])
+        if kind > 0xFFFF:  # up to four bytes stand within the tag
+            text, step = data[4 : 4 + (kind >> 16)], 8
+        else:
+            text, step = data[8 : 8 + size], 8 + size + -size % 8
+        yield text.decode("latin-1")
+        data = data[step:]
+
+
+def _text_of(value: Any) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def _of_group(path: Path, group: Any) -> dict[str, Any]:
@@ -167,7 +240,10 @@ def _of_group(path: Path, group: Any) -> dict[str, Any]:
     for name, item in group.items():
         if name.startswith("#"):
             continue
-        if isinstance(item, h5py.Group):
+        if "MATLAB_object_decode" in item.attrs and _text_of(item.attrs["MATLAB_class"]) != "struct":
+            kind = _text_of(item.attrs["MATLAB_class"])
+            found |= {name: _Object(kind)} if kind in DATA_CLASSES else {}
+        elif isinstance(item, h5py.Group):
             found[name] = _of_group(path, item)
         elif isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and not item.attrs.get("MATLAB_empty", 0):
             _check_size(path, float(item.size) * item.dtype.itemsize)
@@ -190,6 +266,7 @@ def _guarded(path: Path, kind: str, read: Callable[[Path], Any]) -> Any:
         raise
     except Exception as error:  # these readers raise many unrelated types on damaged files
         reason = " ".join(str(error).split()) or type(error).__name__
+        traceback.clear_frames(error.__traceback__)  # else a half-made reader's destructor complains at the end
         raise InputError(f"{path}: not a usable {kind} file: {reason}") from None
 
 
@@ -203,6 +280,13 @@ def is_hdf5(path: Path) -> bool:
 def read_mat(path: Path, time: str | None, time_unit: str | None) -> list[Channel]:
     """Vectors and matrices of a MATLAB file, over the time of their own struct or of the file."""
     tree = _guarded(path, "MATLAB 7.3", _mat73) if is_hdf5(path) else _guarded(path, "MATLAB 5", _mat5)
+    objects = list(_objects_in(tree))
+    if objects:
+        raise InputError(
+            f"{path}: {', '.join(objects)}: only MATLAB reads its own classes; there: "
+            'parquetwrite("log.parquet", T) for a table or timetable T, T = timeseries2timetable(X) first for a '
+            "timeseries; import that, or save without them"
+        )
     return needs_time(path, list(_of_tree(path, tree, "", time, time_unit)), list(_names_in(tree)), time)
 
 
@@ -210,7 +294,9 @@ def is_own_mat(path: Path) -> bool:
     """Whether a MATLAB file is of export: a variable of it is one of a run's tables."""
     from scipy.io import whosmat
 
-    return not is_hdf5(path) and bool(set(dataset.NAMES) & {name for name, *_ in _guarded(path, "MATLAB 5", whosmat)})
+    if is_hdf5(path) or _guarded(path, "MATLAB 5", lambda file: list(_opaque(file))):
+        return False
+    return bool(set(dataset.NAMES) & {name for name, *_ in _guarded(path, "MATLAB 5", whosmat)})
 
 
 # ---- ASAM MDF --------------------------------------------------------------------------------------------------------

@@ -19,6 +19,8 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtpqrt
 from scipy.spatial.transform import Rotation
 
 from inertiad.base.table import Array
@@ -45,6 +47,10 @@ LEARNT: Final = 1e-3
 """relative change of the levels at which EM stops"""
 N_FIRST: Final = 2
 """Gauss-Newton steps before the levels are learnt: far from the solution they would only hide it"""
+NOISE_LEAST: Final = 1e-9
+"""m, the last digit of tracker.csv: positions that do not change at all have no noise"""
+QR_BLOCK: Final = 32
+"""columns that the factorisation takes at once, LAPACK's usual block"""
 CONVERGED: Final = 0.02
 """sigmas of the delay"""
 DELAY_STD: Final = 0.3
@@ -254,6 +260,21 @@ class Stretch:
         return np.r_[fixed, [TILT_STD**2] * 3, [walk * self.spacing] * (3 * (K - 1)), [white] * (3 * K)]
 
 
+def _posterior(R: Array, z: Array, std: Array) -> tuple[Array, Array]:
+    """Parameters and covariance from rows R theta = z of unit noise and parameters of sigma std about 0; R is upper
+    triangular.
+
+    By a QR of rows and prior. Normal equations lose all digits where a tilt of 0.1 rad, integrated for 30 s, meets
+    positions good to 0.3 mm at 120 Hz.
+    """
+    n = len(std)
+    prior, rows = np.eye(n + 1, order="F"), np.zeros((n + 1, n + 1), order="F")
+    rows[: len(R), :n], rows[: len(R), n] = R * std, z
+    T, *_ = dtpqrt(n + 1, min(QR_BLOCK, n + 1), prior, rows, overwrite_a=1, overwrite_b=1)
+    inverse = std[:, None] * solve_triangular(T[:n, :n], np.eye(n))
+    return inverse @ T[:n, n], inverse @ inverse.T
+
+
 def _learn(
     stretch: Stretch, R: Array, z: Array, rest: float, n: int, levels: Levels, n_steps: int
 ) -> tuple[Array, Array]:
@@ -261,17 +282,15 @@ def _learn(
     first = stretch.N_FIXED + 3
     walk = slice(first, stretch.N_FIXED + 3 * stretch.n_knots)
     white = slice(walk.stop, None)
-    gram, right = R.T @ R, R.T @ z
     for _ in range(n_steps):
         std = np.sqrt(stretch.prior_variance(levels.walk, levels.white))
-        P = std[:, None] * np.linalg.inv(np.eye(len(std)) + np.outer(std, std) / levels.noise * gram) * std
-        theta = P @ right / levels.noise
+        theta, P = _posterior(R / np.sqrt(levels.noise), z / np.sqrt(levels.noise), std)
         if n_steps == 1:
             break
         second = theta**2 + np.diag(P)
         gap = z - R @ theta
         before = levels.walk, levels.white
-        levels.noise = (gap @ gap + rest + np.sum((R @ P) * R)) / n
+        levels.noise = max(float((gap @ gap + rest + np.sum((R @ P) * R)) / n), NOISE_LEAST**2)
         levels.walk = max(second[walk].mean() / stretch.spacing, 1e-14)
         levels.white = max(second[white].mean(), 1e-12)
         if np.allclose(before, (levels.walk, levels.white), rtol=LEARNT, atol=0.0):

@@ -14,6 +14,7 @@ from inertiad.base.finding import Finding, lines
 from inertiad.base.table import Array
 from inertiad.robot import configuration
 from inertiad.robot.description import Robot
+from inertiad.robot.template import example_geometry
 
 FAR: Final = 20.0
 """times the usual distance of the others from the middle"""
@@ -112,6 +113,19 @@ def _places(robot: Robot) -> Iterator[Finding]:
             )
 
 
+def _examples(robot: Robot) -> Iterator[Finding]:
+    example = example_geometry(robot.n_cables)
+    same = [k + 1 for k, c in enumerate(robot.cable) if (c.anchor, c.attachment) == example[k]]
+    if same:
+        yield Finding(
+            "example_places",
+            "care",
+            f"cables {', '.join(map(str, same))} are at the example places of inertiactl init",
+            "replace anchor and attachment of each by your robot's",
+            {"cables": same},
+        )
+
+
 def _coincident(robot: Robot) -> Iterator[Finding]:
     n = robot.n_cables
     for key, where in (("attachment", "attached to the platform at one point"), ("anchor", "anchored at one point")):
@@ -206,7 +220,7 @@ def compiled(robot: Robot, source: str) -> tuple[bytes, list[Finding]]:
 
     InputError: see configuration.compile_robot(); what is most likely wrong follows, as it may be the cause.
     """
-    found = [*_places(robot), *_coincident(robot), *_buses(robot)]
+    found = [*_examples(robot), *_places(robot), *_coincident(robot), *_buses(robot)]
     try:
         data = configuration.compile_robot(robot, source)
     except InputError as error:
