@@ -12,6 +12,7 @@ enum {
     IPE_WAIT_MAX = 40,
     IPE_RING_SLACK = 34,
     IPE_SAMPLE_TIMING_HOLD = 32,
+    IPE_DECODE_SLOTS = 64,
     IPE_STATE_MAX = 64 * 1024,
 };
 #else
@@ -21,6 +22,7 @@ enum {
     IPE_WAIT_MAX = 1000,
     IPE_RING_SLACK = 280,
     IPE_SAMPLE_TIMING_HOLD = 64,  ///< samples held at most until their instants are known; fewer than IPE_RING_SLACK
+    IPE_DECODE_SLOTS = 256,       ///< of the hash table of messages: a power of two, more than IPE_SIGNALS_MAX
     IPE_STATE_MAX = 512 * 1024,
 };
 #endif

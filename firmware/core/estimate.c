@@ -40,28 +40,39 @@ static bool is_finite(const ipe_estimate_t* e)
            all_finite(&e->body.mass, sizeof e->body / sizeof(double));
 }
 
-ipe_status_t ipe_estimate_publish(const ipe_config_t* config, const ipe_solution_t* solution,
-                                  const ipe_body_t* prior_body, double measured[IPE_NP], ipe_estimate_t* e)
+void ipe_estimate_correct(const ipe_config_t* config, const ipe_solution_t* solution, double theta[IPE_NP],
+                          double covariance[IPE_NP][IPE_NP])
 {
-    double theta[IPE_NP];
-    memcpy(theta, solution->theta, sizeof theta);
-    memcpy(e->covariance, solution->covariance, sizeof e->covariance);
-    ipe_eiv_correction_undo(solution->spurious, solution->prior_theta, solution->prior_covariance, theta,
-                            e->covariance);
-    for (int i = 0; i < IPE_NP * IPE_NP; ++i) { e->covariance[i / IPE_NP][i % IPE_NP] *= solution->inflation; }
-    ipe_body_shift(config->imu_position, theta, e->covariance);
-    if (measured != NULL) { memcpy(measured, theta, sizeof theta); }
-    e->consistent = ipe_consistency_check(theta);
-    if (!ipe_consistency_project(theta, (const double (*)[IPE_NP])e->covariance, e->theta, &e->distance)) {
-        return IPE_ERR_NONFINITE;
-    }
-    add_geometry(config, solution->std_geometry, e->theta[0], e->covariance);
-    add_common_gain(solution->std_common_gain, e->theta, e->covariance);
+    memcpy(theta, solution->theta, sizeof solution->theta);
+    memcpy(covariance, solution->covariance, sizeof solution->covariance);
+    ipe_eiv_correction_undo(solution->spurious, solution->prior_theta, solution->prior_covariance, theta, covariance);
+    for (int i = 0; i < IPE_NP * IPE_NP; ++i) { covariance[i / IPE_NP][i % IPE_NP] *= solution->inflation; }
+    ipe_body_shift(config->imu_position, theta, covariance);
+}
+
+ipe_status_t ipe_estimate_finish(const ipe_config_t* config, double std_geometry, double std_common_gain,
+                                 const ipe_body_t* prior_body, ipe_estimate_t* e)
+{
+    add_geometry(config, std_geometry, e->theta[0], e->covariance);
+    add_common_gain(std_common_gain, e->theta, e->covariance);
     if (ipe_body_from_theta(e->theta, (const double (*)[IPE_NP])e->covariance, &e->body) != IPE_OK || !is_finite(e)) {
         return IPE_ERR_NONFINITE;
     }
     judge_observability(prior_body, &e->body, e->observable);
     return IPE_OK;
+}
+
+ipe_status_t ipe_estimate_publish(const ipe_config_t* config, const ipe_solution_t* solution,
+                                  const ipe_body_t* prior_body, double measured[IPE_NP], ipe_estimate_t* e)
+{
+    double theta[IPE_NP];
+    ipe_estimate_correct(config, solution, theta, e->covariance);
+    if (measured != NULL) { memcpy(measured, theta, sizeof theta); }
+    e->consistent = ipe_consistency_check(theta);
+    if (!ipe_consistency_project(theta, (const double (*)[IPE_NP])e->covariance, e->theta, &e->distance)) {
+        return IPE_ERR_NONFINITE;
+    }
+    return ipe_estimate_finish(config, solution->std_geometry, solution->std_common_gain, prior_body, e);
 }
 
 void ipe_estimate_prior_body(const ipe_config_t* config, ipe_body_t* body)

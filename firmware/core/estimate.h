@@ -57,6 +57,15 @@ typedef struct {
 ipe_status_t ipe_estimate_publish(const ipe_config_t* config, const ipe_solution_t* solution,
                                   const ipe_body_t* prior_body, double measured[IPE_NP], ipe_estimate_t* e);
 
+/// The first part of ipe_estimate_publish(): the solution corrected for noise in the regressor, as theta [10] about P and its
+/// covariance. Between this and the last part the nearest consistent body is looked for, consistency.h.
+void ipe_estimate_correct(const ipe_config_t* config, const ipe_solution_t* solution, double theta[IPE_NP],
+                          double covariance[IPE_NP][IPE_NP]);
+
+/// The last part: e has theta of a consistent body, covariance, consistent and distance; the rest as there.
+ipe_status_t ipe_estimate_finish(const ipe_config_t* config, double std_geometry, double std_common_gain,
+                                 const ipe_body_t* prior_body, ipe_estimate_t* e);
+
 /// The configured prior as a body, about P; its standard deviations are what `observable` compares with.
 void ipe_estimate_prior_body(const ipe_config_t* config, ipe_body_t* body);
 

@@ -19,7 +19,8 @@
 #define DELAY_SURE 4.0     // sigma: chosen so that healthy forces never move
 #define DELAYS_MAX 4       // chosen so that it always ends: each is what the last one left
 #define PRIOR_INTERVAL \
-    50  // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
+    50                 // excited windows between two foldings of the prior: chosen so that it costs 1 % of an update
+#define PRIOR_ROWS 20  // of it in one part of an update: chosen so that no part costs more than the publication
 
 ipe_status_t ipe_estimator_init(ipe_estimator_t* e, const ipe_config_t* config)
 {
@@ -121,6 +122,11 @@ ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t
     return status == IPE_OK ? restore(e, config, &u, true, average) : status;
 }
 
+bool ipe_estimator_is_noise_learnt(const ipe_estimator_t* e)
+{
+    return e->noise.n_summed >= LEARNING_WINDOWS;
+}
+
 /// Use the window, hold it back, or take it as a change of payload.
 static ipe_change_detector_verdict_t judge(ipe_estimator_t* e, const ipe_config_t* config, const double* H,
                                            const double innovation[IPE_NY], const double S[IPE_NY][IPE_NY],
@@ -135,7 +141,7 @@ static ipe_change_detector_verdict_t judge(ipe_estimator_t* e, const ipe_config_
                                                  .L = L,
                                                  .nis = e->nis,
                                                  .mass = e->rls.x[0],
-                                                 .is_noise_known = e->noise.n_summed >= LEARNING_WINDOWS};
+                                                 .is_noise_known = ipe_estimator_is_noise_learnt(e)};
     return ipe_change_detector_push(&e->change_detector, &window, payload_std);
 }
 
@@ -209,16 +215,19 @@ static void learn_noise_of_misfit(ipe_estimator_t* e, const double innovation[IP
     ipe_noise_push(&e->noise, clipped, S);
 }
 
+/// The share of older data's weight that is left after the time `hop` [s] of an excited window.
+static double memory_kept(const ipe_config_t* config, double hop)
+{
+    return exp(-hop / config->memory);
+}
+
 /// Forget over the time `hop` [s] of an excited window; at rest nothing would replace what is forgotten.
 static void forget(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 {
     if (config->memory == 0.0) { return; }
-    const double lambda = exp(-hop / config->memory);
+    const double lambda = memory_kept(config, hop);
     ipe_rls_forget(&e->rls, lambda);
     ipe_eiv_correction_forget(&e->eiv_correction, lambda);
-    if (++e->n_excited % PRIOR_INTERVAL == 0) {
-        ipe_prior_fold(config, &e->filter_states, sqrt(1.0 - pow(lambda, PRIOR_INTERVAL)), &e->rls);
-    }
 }
 
 /// Innovation of a window shorter than the filter's own, and the factor of its noise; forces of failed sensors are in neither.
@@ -266,17 +275,27 @@ ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* conf
                                     ipe_body_step_t* sums)
 {
     ipe_unknown_force_t u;
-    if (e->noise.n_summed < LEARNING_WINDOWS) { return IPE_NOT_READY; }
+    if (e->estimate.n_windows == 0) { return IPE_NOT_READY; }
     ipe_status_t status = ipe_unknown_force_columns(config, average, &u);
     if (status == IPE_OK) { status = restore(e, config, &u, false, average); }
     return status == IPE_OK ? contrast(e, config, average, &u, sums) : status;
 }
 
-ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
+/// Excited windows: the prior's rows are due after so many of them, with the weight that forgetting took from it.
+static double due_prior_weight(ipe_estimator_t* e, const ipe_config_t* config, double hop)
 {
-    double H[IPE_NY * IPE_NX_MAX], by_offset[IPE_NY][IPE_CABLES_MAX];
-    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY], y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX], unused;
+    if (config->memory == 0.0 || ++e->n_excited % PRIOR_INTERVAL != 0) { return 0.0; }
+    return sqrt(1.0 - pow(memory_kept(config, hop), PRIOR_INTERVAL));
+}
+
+ipe_status_t ipe_estimator_begin(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                                 ipe_update_t* update)
+{
+    double by_offset[IPE_NY][IPE_CABLES_MAX];
+    double innovation[IPE_NY], S[IPE_NY][IPE_NY], L[IPE_NY][IPE_NY], y[IPE_NY], excess[IPE_UNKNOWN_FORCE_MAX];
     ipe_unknown_force_t u;
+    const double hop = average->length / IPE_WINDOWS_OPEN;
+    double* H = update->H;
     const int n_rest = ipe_pose_dwell_push(&e->pose_dwell, config, average);
     ipe_status_t status = build_equations(e, config, average, H, by_offset);  // averages -> rows of the states
     if (status != IPE_OK) { return status; }
@@ -302,19 +321,47 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
         return IPE_OK;
     }
     if (verdict == IPE_CHANGE_DETECTOR_CHANGE) { loosen_to_any_payload(e, config); }
-    if (n_rest == 0) { forget(e, config, average->length / IPE_WINDOWS_OPEN); }
+    if (n_rest == 0) { forget(e, config, hop); }
     ipe_filter_states_denoise_gain_columns(&e->filter_states, (const double (*)[IPE_CABLES_MAX])by_offset, average->f,
                                            innovation, (const double (*)[IPE_NY])S,
                                            (const double (*)[IPE_NY])e->noise.L, H);
     if (verdict == IPE_CHANGE_DETECTOR_USE) { weigh(e, L); }
-    ipe_misfit_score_before(&e->misfit_score, &e->rls);
-    status = ipe_rls_update(&e->rls, H, y, (const double (*)[IPE_NY])L, &unused);  // rows -> states, P
+    status = ipe_rls_whiten(&e->rls, H, y, (const double (*)[IPE_NY])L, update->z);
     if (status != IPE_OK) { return status; }
-    if (e->noise.n_summed >= LEARNING_WINDOWS) { ipe_misfit_score_after(&e->misfit_score, &e->rls, average->t_ns); }
+    update->t_ns = average->t_ns;
+    update->prior_weight = n_rest == 0 ? due_prior_weight(e, config, hop) : 0.0;
+    update->n_prior = 0;
+    update->is_scored = e->noise.n_summed >= LEARNING_WINDOWS;
+    update->is_folded = false;
     ipe_eiv_correction_add(&e->eiv_correction, average, ipe_noise_level(&e->noise));
     if (verdict == IPE_CHANGE_DETECTOR_USE) { learn_noise(e, u.n, innovation, (const double (*)[IPE_NY])S); }
-    if (e->rls.n_updates % WIDEN_INTERVAL == 0) { ipe_filter_states_widen(&e->filter_states, &e->rls); }
+    return IPE_UNFINISHED;
+}
+
+ipe_status_t ipe_estimator_go_on(ipe_estimator_t* e, const ipe_config_t* config, ipe_update_t* u)
+{
+    if (u->prior_weight > 0.0 && u->n_prior < e->rls.n) {
+        ipe_prior_fold(config, &e->filter_states, u->prior_weight, u->n_prior, PRIOR_ROWS, &e->rls);
+        u->n_prior += PRIOR_ROWS;
+        return IPE_UNFINISHED;
+    }
+    if (!u->is_folded) {
+        ipe_misfit_score_before(&e->misfit_score, &e->rls);
+        (void)ipe_rls_update_whitened(&e->rls, u->H, u->z);  // rows -> states, P
+        if (u->is_scored) { ipe_misfit_score_after(&e->misfit_score, &e->rls, u->t_ns); }
+        u->is_folded = true;
+        return e->rls.n_updates % WIDEN_INTERVAL == 0 ? IPE_UNFINISHED : IPE_OK;
+    }
+    ipe_filter_states_widen(&e->filter_states, &e->rls);
     return IPE_OK;
+}
+
+ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average)
+{
+    ipe_update_t u;
+    ipe_status_t status = ipe_estimator_begin(e, config, average, &u);
+    while (status == IPE_UNFINISHED) { status = ipe_estimator_go_on(e, config, &u); }
+    return status;
 }
 
 bool ipe_estimator_move_force_delay(ipe_estimator_t* e, const ipe_config_t* config)
@@ -364,30 +411,43 @@ static void read_systematic(const ipe_estimator_t* e, const ipe_config_t* config
     estimate->systematic[IPE_XI_FORCE_DELAY] += e->force_delay;
 }
 
-/// Publish the states, moved by step +- std [10] unless that is NULL.
-static ipe_status_t publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns, const double* step,
-                            const double* std)
+void ipe_estimator_begin_publication(const ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                                     const double* step, const double* std, ipe_publication_t* p)
 {
     ipe_solution_t solution;
-    ipe_body_t prior;
-    ipe_estimate_t found = {.t_ns = t_ns,
-                            .n_windows = e->rls.n_updates,
-                            .n_rows = e->n_rows,
-                            .nis = e->nis,
-                            .n_changes = e->change_detector.n_changes,
-                            .is_provisional = step != NULL,
-                            .is_misfit = ipe_change_detector_is_misfit(&e->change_detector),
-                            .unknown_force = e->unknown_force};
     ipe_estimator_solution(e, config, &solution);
     for (int i = 0; i < IPE_NP && step != NULL; ++i) {
         solution.theta[i] += step[i];
         solution.covariance[i][i] += std[i] * std[i];
     }
-    found.sigma_factor = sqrt(solution.inflation);
+    p->t_ns = t_ns;
+    p->is_provisional = step != NULL;
+    p->sigma_factor = sqrt(solution.inflation);
+    p->distance = 0.0;
+    ipe_estimate_correct(config, &solution, p->theta, p->covariance);
+    p->searched = ipe_consistency_begin(p->theta, &p->search);
+    p->is_consistent = p->searched == IPE_OK;
+}
+
+static ipe_status_t end_publication(ipe_estimator_t* e, const ipe_config_t* config, const ipe_publication_t* p)
+{
+    ipe_body_t prior;
+    ipe_estimate_t found = {.t_ns = p->t_ns,
+                            .n_windows = e->rls.n_updates,
+                            .n_rows = e->n_rows,
+                            .consistent = p->is_consistent,
+                            .distance = p->distance,
+                            .nis = e->nis,
+                            .n_changes = e->change_detector.n_changes,
+                            .sigma_factor = p->sigma_factor,
+                            .is_provisional = p->is_provisional,
+                            .is_misfit = ipe_change_detector_is_misfit(&e->change_detector),
+                            .unknown_force = e->unknown_force};
+    memcpy(found.theta, p->search.q, sizeof found.theta);
+    memcpy(found.covariance, p->covariance, sizeof found.covariance);
     ipe_estimate_prior_body(config, &prior);
-    const ipe_status_t status = ipe_estimate_publish(config, &solution, &prior, NULL, &found);
-    if (status != IPE_OK || !isfinite(e->nis)) {
-        ++e->n_refused;
+    const double std_common_gain = ipe_filter_states_common_gain_std(config);
+    if (ipe_estimate_finish(config, config->std_geometry, std_common_gain, &prior, &found) != IPE_OK) {
         return IPE_ERR_NONFINITE;
     }
     read_systematic(e, config, &found);
@@ -395,13 +455,23 @@ static ipe_status_t publish(ipe_estimator_t* e, const ipe_config_t* config, int6
     return IPE_OK;
 }
 
-ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+ipe_status_t ipe_estimator_go_on_publication(ipe_estimator_t* e, const ipe_config_t* config, ipe_publication_t* p)
 {
-    return publish(e, config, t_ns, NULL, NULL);
+    if (p->searched == IPE_UNFINISHED) {
+        const double (*P)[IPE_NP] = (const double (*)[IPE_NP])p->covariance;
+        p->searched = ipe_consistency_go_on(p->theta, P, &p->search, &p->distance);
+        return IPE_UNFINISHED;
+    }
+    const bool is_good = p->searched == IPE_OK && isfinite(e->nis) && end_publication(e, config, p) == IPE_OK;
+    e->n_refused += !is_good;
+    return is_good ? IPE_OK : IPE_ERR_NONFINITE;
 }
 
-ipe_status_t ipe_estimator_publish_moved(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
-                                         const double step[IPE_NP], const double std[IPE_NP])
+ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
 {
-    return publish(e, config, t_ns, step, std);
+    ipe_publication_t p;
+    ipe_status_t status = IPE_UNFINISHED;
+    ipe_estimator_begin_publication(e, config, t_ns, NULL, NULL, &p);
+    while (status == IPE_UNFINISHED) { status = ipe_estimator_go_on_publication(e, config, &p); }
+    return status;
 }

@@ -2,19 +2,21 @@
 /// The estimator: windows of averaged motion and wrench in, inertial parameters and systematic errors out.
 ///
 ///   predict   the states to the window's time                                     filter_states.h
-///   update    equations -> innovation -> static? other payload? -> forget -> rows into the filter -> noise
+///   update    equations -> innovation -> static? other payload? -> forget -> noise -> rows into the filter
 ///   publish   theta, P -> estimate                                                 estimate.h
 /// A static pose carries information once: after 50 windows at rest it is only monitored. A payload change loosens theta to
 /// what the robot can carry; while it is only suspected the windows are held back, change_detector.h. Where the estimate
 /// moves more than its sigma allows, the published sigma is wider, misfit_score.h. The noise that whitens the equations is
 /// the innovations' own long-run covariance. The daemon's pipeline and the host's rehearsal of a planned motion run this
-/// same cycle. Everything it has learnt is in ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
-/// Source: firmware/DESIGN.md, "Filter". 34 KB of state for 16 cables, 23 KB for 8, 90 us per window of 8 cables, no heap, one thread.
+/// same cycle. An update may be taken in parts, so that a processor without threads can do something else in between.
+/// Everything it has learnt is in ipe_estimator_t, which holds no pointers: a checkpoint stores it whole.
+/// Source: firmware/DESIGN.md, "Filter". 33 KB of state for 16 cables, 22 KB for 8, 90 us per window of 8 cables, no heap, one thread.
 #ifndef IPE_ESTIMATOR_H
 #define IPE_ESTIMATOR_H
 
 #include "change_detector.h"
 #include "config.h"
+#include "consistency.h"
 #include "eiv_correction.h"
 #include "estimate.h"
 #include "filter_states.h"
@@ -48,6 +50,17 @@ typedef struct {
     ipe_estimate_t estimate;              ///< as last published; n_windows 0: none yet
 } ipe_estimator_t;
 
+/// An update that has begun: rows that wait to be folded in. The caller's, 3 KB for 8 cables.
+typedef struct {
+    double H[IPE_NY * IPE_NX_MAX];  ///< whitened equations z = H x
+    double z[IPE_NY];
+    int64_t t_ns;                   ///< the window's middle
+    double prior_weight;            ///< of the prior's rows; 0: none is due
+    int n_prior;                    ///< of them folded in
+    bool is_scored;                 ///< by misfit_score.h
+    bool is_folded;                 ///< H is in the filter: implausible priors are left to look for
+} ipe_update_t;
+
 /// Start from the configured prior, all counters 0. config must be checked.
 ///
 /// IPE_OK; IPE_ERR_CONFIG: the prior shifted to the IMU is not positive definite, e not usable.
@@ -68,11 +81,19 @@ void ipe_estimator_predict(ipe_estimator_t* e, const ipe_config_t* config, const
 /// IPE_OK, or IPE_ERR_*: refused as by ipe_estimator_update(), nothing changed.
 ipe_status_t ipe_estimator_restore_forces(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average);
 
-/// Update the states with a window's equations.
+/// Judge a window's equations and lay their rows ready in u. Nothing else may be done to e until they are folded in or given up.
 ///
-/// IPE_OK         used, or only monitored because the pose at rest is known, or held back in a misfit: publish, it is marked
-/// IPE_NOT_READY  held back: a change of payload is suspected
-/// IPE_ERR_*      refused: a cable has no direction, or a value is not finite (counted); the states are as predicted
+/// IPE_UNFINISHED  ipe_estimator_go_on() until it is IPE_OK
+/// IPE_OK          only monitored because the pose at rest is known, or held back in a misfit: publish, it is marked
+/// IPE_NOT_READY   held back: a change of payload is suspected
+/// IPE_ERR_*       refused: a cable has no direction, or a value is not finite (counted); the states are as predicted
+ipe_status_t ipe_estimator_begin(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average,
+                                 ipe_update_t* u);
+
+/// Fold in some of the rows that ipe_estimator_begin() has laid ready. IPE_UNFINISHED, or IPE_OK: the update is done, publish.
+ipe_status_t ipe_estimator_go_on(ipe_estimator_t* e, const ipe_config_t* config, ipe_update_t* u);
+
+/// Update the states with a window's equations, all at once. Status as of ipe_estimator_begin(), never IPE_UNFINISHED.
 ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config, const ipe_average_t* average);
 
 /// Publish the states as of the window at t_ns into e->estimate.
@@ -80,18 +101,37 @@ ipe_status_t ipe_estimator_update(ipe_estimator_t* e, const ipe_config_t* config
 /// IPE_OK; IPE_ERR_NONFINITE: a value is not finite or no body is near, counted, e->estimate as it was.
 ipe_status_t ipe_estimator_publish(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns);
 
-/// The same of a body that differs from the states' by step +- std [10], about the IMU, in units of theta; marked as provisional.
-/// Both finite, std not negative; the states stay as they are. A body that cannot exist is not published.
-ipe_status_t ipe_estimator_publish_moved(ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
-                                         const double step[IPE_NP], const double std[IPE_NP]);
+/// A publication that has begun. The caller's, 3 KB.
+typedef struct {
+    int64_t t_ns;
+    double theta[IPE_NP], covariance[IPE_NP][IPE_NP];  ///< about P, before the nearest consistent body is looked for
+    double sigma_factor, distance;                     ///< of ipe_estimate_t
+    bool is_provisional, is_consistent;
+    ipe_status_t searched;                             ///< IPE_UNFINISHED: the nearest consistent body is not found yet
+    ipe_projection_t search;
+} ipe_publication_t;
+
+/// The first part of ipe_estimator_publish(). With step and std, both NULL or [10], of a body that differs from the states' by
+/// step +- std, about the IMU, in units of theta; marked as provisional. Both finite, std not negative; the states stay as they
+/// are.
+void ipe_estimator_begin_publication(const ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
+                                     const double* step, const double* std, ipe_publication_t* publication);
+
+/// The rest, the states being as at its begin. IPE_UNFINISHED: call again; else as of ipe_estimator_publish(): a body that cannot
+/// exist is not published.
+ipe_status_t ipe_estimator_go_on_publication(ipe_estimator_t* e, const ipe_config_t* config,
+                                             ipe_publication_t* publication);
 
 /// Sums of one window, shorter than the estimator's own, for body_step.h: its innovation under the present states, which stay
 /// as they are. N, N m, about the IMU. The noise learnt is that of the own windows; that of a shorter one is larger. Forces of
 /// failed sensors are restored in average and taken out of the sums.
 ///
-/// IPE_OK; IPE_NOT_READY: the noise is not known yet, sums not written; IPE_ERR_*: refused as by ipe_estimator_update().
+/// IPE_OK; IPE_NOT_READY: there is no estimate yet, sums not written; IPE_ERR_*: refused as by ipe_estimator_update().
 ipe_status_t ipe_estimator_contrast(ipe_estimator_t* e, const ipe_config_t* config, ipe_average_t* average,
                                     ipe_body_step_t* sums);
+
+/// Is the noise learnt, not only declared?
+bool ipe_estimator_is_noise_learnt(const ipe_estimator_t* e);
 
 /// The body is another one now: theta moves by step [10] about the IMU, loosened by std [10]; NULL: as by any change of
 /// payload. What is known of the sensors stays.

@@ -106,23 +106,21 @@ static bool clocks_are_settled(const ipe_pipeline_t* p, int64_t t_ns)
     return true;
 }
 
-/// The next row with forces, and its motion, as ipe_motion_push() returns them. A position that it lacks
-/// or that was refused is the estimated one.
+/// The next row, and its motion, as ipe_motion_push() returns them. A position that it lacks or that was refused is the
+/// estimated one. IPE_UNFINISHED: a row without forces, which only the motion needs.
 static ipe_status_t next_motion(ipe_pipeline_t* p, ipe_row_t* row, ipe_motion_t* motion)
 {
-    ipe_status_t status = IPE_OK;
-    do {
-        status = ipe_align_pop(&p->align, row);  // samples -> row
-        if (status != IPE_OK) { return status; }
-        if (clocks_are_settled(p, row->t_ns)) {
-            const uint64_t refused = p->motion.n_positions_refused;
-            status = ipe_motion_push(&p->motion, row, motion);  // row -> motion of the platform
-            row->has_position &= p->motion.n_positions_refused == refused;
-        } else if (row->has_force) {
-            ++p->n_unsettled;
-            return IPE_ERR_TIME;
-        }
-    } while (status == IPE_IGNORED || !row->has_force);
+    ipe_status_t status = ipe_align_pop(&p->align, row);  // samples -> row
+    if (status != IPE_OK) { return status; }
+    if (clocks_are_settled(p, row->t_ns)) {
+        const uint64_t refused = p->motion.n_positions_refused;
+        status = ipe_motion_push(&p->motion, row, motion);  // row -> motion of the platform
+        row->has_position &= p->motion.n_positions_refused == refused;
+    } else if (row->has_force) {
+        ++p->n_unsettled;
+        return IPE_ERR_TIME;
+    }
+    if (status == IPE_IGNORED || !row->has_force) { return IPE_UNFINISHED; }
     if (!row->has_position) { ipe_motion_target(&p->motion, row->position); }
     return status == IPE_NOT_READY ? IPE_IGNORED : status;
 }
@@ -145,65 +143,140 @@ static bool is_in_contact(const ipe_pipeline_t* p)
     return p->announcement != NULL && p->announcement->state == IPE_ANNOUNCEMENT_CONTACT;
 }
 
+/// The announced payload has come, or will not: the windows begin anew where those open are of two bodies.
+static void end_announcement(ipe_pipeline_t* p)
+{
+    const ipe_announcement_t* a = p->announcement;
+    if (a->state == IPE_ANNOUNCEMENT_WAITS || a->state == IPE_ANNOUNCEMENT_CONTACT) { return; }
+    p->n_announced_taken += a->state == IPE_ANNOUNCEMENT_TAKEN;
+    p->n_announced_other += a->state == IPE_ANNOUNCEMENT_OTHER;
+    p->n_announced_failed += a->state == IPE_ANNOUNCEMENT_FAILED;
+    p->n_announced_missed += a->state == IPE_ANNOUNCEMENT_MISSED;
+    if (p->is_of_two_bodies) { restart_windows(p); }
+    p->announcement = NULL;
+}
+
 /// An announced payload comes into contact, or did.
 ///
-/// IPE_OK: the estimate is new; IPE_NOT_READY: no contact, a window that ended with this row is one body's; IPE_IGNORED: it
-/// would be one of two; IPE_ERR_NONFINITE: the same, and no estimate can be published.
+/// IPE_UNFINISHED: to be published; IPE_NOT_READY: no contact, a window that ended with this row is one body's; IPE_IGNORED: it
+/// would be one of two.
 static ipe_status_t follow_contact(ipe_pipeline_t* p, int64_t t_ns, const ipe_motion_t* motion,
                                    const ipe_wrench_t* wrench)
 {
-    ipe_announcement_t* a = p->announcement;
     const bool was_in_contact = is_in_contact(p);
-    const ipe_status_t status = ipe_announcement_push(a, &p->estimator, &p->config, t_ns, motion, wrench);
-    const bool is_of_two_bodies = was_in_contact || is_in_contact(p);
-    if (a->state != IPE_ANNOUNCEMENT_WAITS && a->state != IPE_ANNOUNCEMENT_CONTACT) {
-        p->n_announced_taken += a->state == IPE_ANNOUNCEMENT_TAKEN;
-        p->n_announced_other += a->state == IPE_ANNOUNCEMENT_OTHER;
-        p->n_announced_failed += a->state == IPE_ANNOUNCEMENT_FAILED;
-        p->n_announced_missed += a->state == IPE_ANNOUNCEMENT_MISSED;
-        if (is_of_two_bodies) { restart_windows(p); }
-        p->announcement = NULL;
+    const ipe_status_t status = ipe_announcement_push(p->announcement, &p->estimator, &p->config, t_ns, motion, wrench);
+    p->is_of_two_bodies = was_in_contact || is_in_contact(p);
+    if (status == IPE_OK) {
+        p->part = IPE_PART_CORRECT;
+        p->is_contact = true;
+        return IPE_UNFINISHED;
     }
-    return status == IPE_NOT_READY && is_of_two_bodies ? IPE_IGNORED : status;
+    end_announcement(p);
+    return p->is_of_two_bodies ? IPE_IGNORED : IPE_NOT_READY;
 }
 
-ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
+/// One row, up to the averages of the window that it ends.
+static ipe_status_t take_row(ipe_pipeline_t* p, ipe_row_t* row)
 {
     ipe_motion_t motion;
     ipe_wrench_t wrench;
-    ipe_average_t average;
     const uint64_t restarts = p->window.n_restarts;
 
     ipe_status_t status = next_motion(p, row, &motion);  // samples -> row, motion
     if (status != IPE_OK) { return status; }
     ipe_row_t undelayed = *row;
     ipe_align_undelay_forces(&p->align, undelayed.f);
-    status = ipe_wrench_from_row(&p->wrench, &undelayed, &motion, &wrench);       // tensions -> cable wrench
+    status = ipe_wrench_from_row(&p->wrench, &undelayed, &motion, &wrench);          // tensions -> cable wrench
     if (status != IPE_OK) { return status; }
-    status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &average);  // rows -> weak form
+    status = ipe_window_push(&p->window, row->t_ns, &motion, &wrench, &p->average);  // rows -> weak form
     p->estimator.n_rows += status >= IPE_OK;
     if (p->window.n_restarts != restarts) { ipe_estimator_restart_windows(&p->estimator); }
     if (status < IPE_OK) { return status; }
     if (p->announcement != NULL && !p->is_frozen) {
         const ipe_status_t followed = follow_contact(p, row->t_ns, &motion, &wrench);
-        if (followed == IPE_OK && estimate != NULL) { *estimate = p->estimator.estimate; }
         if (followed != IPE_NOT_READY) { return followed; }
     }
     if (status == IPE_NOT_READY) { return IPE_IGNORED; }
-    status = ipe_cable_inertia_add(&p->config, &average);  // the cables' own inertia
+    p->part = IPE_PART_WINDOW;
+    return IPE_UNFINISHED;
+}
+
+/// The window's equations; they wait for IPE_PART_UPDATE.
+static ipe_status_t take_window(ipe_pipeline_t* p)
+{
+    ipe_average_t average = p->average;
+    p->part = IPE_PART_ROW;
+    ipe_status_t status = ipe_cable_inertia_add(&p->config, &average);  // the cables' own inertia
     if (status != IPE_OK) { return status; }
     if (p->is_frozen) {
         ++p->n_frozen;
         return IPE_IGNORED;
     }
-    ipe_estimator_predict(&p->estimator, &p->config, &average);                            // states -> now
-    status = ipe_estimator_restore_forces(&p->estimator, &p->config, &average);            // of failed sensors
+    p->window_ns = average.t_ns;
+    p->is_contact = false;
+    ipe_estimator_predict(&p->estimator, &p->config, &average);                     // states -> now
+    status = ipe_estimator_restore_forces(&p->estimator, &p->config, &average);     // of failed sensors
     if (status != IPE_OK) { return status; }
-    status = ipe_estimator_update(&p->estimator, &p->config, &average);                    // window -> theta, xi, P
-    if (status != IPE_OK) { return status == IPE_NOT_READY ? IPE_IGNORED : status; }
-    status = ipe_estimator_publish(&p->estimator, &p->config, average.t_ns);               // theta, P -> body
+    status = ipe_estimator_begin(&p->estimator, &p->config, &average, &p->update);  // window -> equations
+    if (status < IPE_OK) { return status; }
+    if (status == IPE_NOT_READY) { return IPE_IGNORED; }
+    p->part = status == IPE_UNFINISHED ? IPE_PART_UPDATE : IPE_PART_CORRECT;
+    return IPE_UNFINISHED;
+}
+
+static void correct(ipe_pipeline_t* p)
+{
+    if (p->is_contact) {
+        ipe_announcement_begin_publication(p->announcement, &p->estimator, &p->config, &p->publication);
+    } else {
+        ipe_estimator_begin_publication(&p->estimator, &p->config, p->window_ns, NULL, NULL, &p->publication);
+    }
+    p->part = IPE_PART_PUBLISH;
+}
+
+static ipe_status_t publish(ipe_pipeline_t* p)
+{
+    const ipe_status_t status = ipe_estimator_go_on_publication(&p->estimator, &p->config, &p->publication);
+    if (status == IPE_UNFINISHED) { return status; }
+    p->part = IPE_PART_ROW;
+    if (p->is_contact) {
+        end_announcement(p);
+    } else if (ipe_estimator_move_force_delay(&p->estimator, &p->config)) {
+        undelay_forces(p);  // states -> rows
+    }
+    return status;
+}
+
+/// The next part of what the last row has begun.
+static ipe_status_t go_on(ipe_pipeline_t* p)
+{
+    if (p->part == IPE_PART_WINDOW) { return take_window(p); }
+    if (p->part == IPE_PART_PUBLISH) { return publish(p); }  // theta, P -> body
+    if (p->part == IPE_PART_CORRECT) {
+        correct(p);
+    } else if (ipe_estimator_go_on(&p->estimator, &p->config, &p->update) == IPE_OK) {  // equations -> theta, xi, P
+        p->part = IPE_PART_CORRECT;
+    }
+    return IPE_UNFINISHED;
+}
+
+/// What changes the estimator from outside waits until the last row's work is done.
+static void finish(ipe_pipeline_t* p)
+{
+    while (p->part != IPE_PART_ROW) { (void)go_on(p); }
+}
+
+ipe_status_t ipe_pipeline_step_part(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
+{
+    const ipe_status_t status = p->part == IPE_PART_ROW ? take_row(p, row) : go_on(p);
     if (status == IPE_OK && estimate != NULL) { *estimate = p->estimator.estimate; }
-    if (ipe_estimator_move_force_delay(&p->estimator, &p->config)) { undelay_forces(p); }  // states -> rows
+    return status;
+}
+
+ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate)
+{
+    ipe_status_t status = ipe_pipeline_step_part(p, row, estimate);
+    while (status == IPE_UNFINISHED) { status = ipe_pipeline_step_part(p, row, estimate); }
     return status;
 }
 
@@ -218,12 +291,14 @@ void ipe_pipeline_flush(ipe_pipeline_t* p)
 
 void ipe_pipeline_freeze(ipe_pipeline_t* p, bool is_frozen)
 {
+    finish(p);
     p->is_frozen = is_frozen;
     ipe_estimator_restart_windows(&p->estimator);
 }
 
 void ipe_pipeline_reset(ipe_pipeline_t* p)
 {
+    finish(p);
     const bool had_delay = p->estimator.force_delay != 0.0;
     p->announcement = NULL;
     ipe_estimator_reset(&p->estimator, &p->config);
@@ -233,6 +308,7 @@ void ipe_pipeline_reset(ipe_pipeline_t* p)
 ipe_status_t ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a, const double body[IPE_ANNOUNCEMENT_NUMBERS],
                                  int64_t from_ns, char* message, size_t size)
 {
+    finish(p);
     if (is_in_contact(p)) {
         (void)snprintf(message, size, "the payload announced before is coming into contact");
         return IPE_ERR_RANGE;
@@ -244,6 +320,7 @@ ipe_status_t ipe_pipeline_expect(ipe_pipeline_t* p, ipe_announcement_t* a, const
 
 void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 {
+    finish(p);
     memcpy(p->config.gyro_bias, bias, sizeof p->config.gyro_bias);
     ipe_motion_set_gyro_bias(&p->motion, bias);
     restart_windows(p);
@@ -251,6 +328,7 @@ void ipe_pipeline_set_gyro_bias(ipe_pipeline_t* p, const double bias[3])
 
 void ipe_pipeline_continue(ipe_pipeline_t* p, const ipe_estimator_t* estimator, const double gyro_bias[3])
 {
+    finish(p);
     ipe_estimator_continue(&p->estimator, estimator);
     if (p->estimator.estimate.is_provisional) {  // nobody follows the contact any more: the body before again
         ++p->estimator.change_detector.n_changes;

@@ -22,6 +22,15 @@
 #include "window.h"
 #include "wrench.h"
 
+/// What the last row has left to do.
+typedef enum {
+    IPE_PART_ROW = 0,  ///< nothing: the next row
+    IPE_PART_WINDOW,   ///< the window that ended with it to become equations
+    IPE_PART_UPDATE,   ///< rows of these to fold in
+    IPE_PART_CORRECT,  ///< an estimate to publish: its first part,
+    IPE_PART_PUBLISH,  ///< and the rest
+} ipe_part_t;
+
 /// Counters and state of every stage; read freely, write never.
 typedef struct {
     ipe_config_t config;
@@ -37,13 +46,22 @@ typedef struct {
     ipe_wrench_stage_t wrench;
     ipe_window_t window;
     ipe_estimator_t estimator;
-    ipe_announcement_t* announcement;  ///< the caller's, NULL: none
-    uint64_t n_announced_taken;        ///< announced payloads that came as announced
-    uint64_t n_announced_other;        ///< contacts after which another mass hangs than the announced one
-    uint64_t n_announced_failed;       ///< contacts that were broken off
-    uint64_t n_announced_missed;       ///< announced payloads that did not come in time
-    bool is_frozen;                    ///< windows do not reach the estimator
-    uint64_t n_frozen;                 ///< windows that did not reach the estimator while it was frozen
+    ipe_announcement_t* announcement;   ///< the caller's, NULL: none
+    uint64_t n_announced_taken;         ///< announced payloads that came as announced
+    uint64_t n_announced_other;         ///< contacts after which another mass hangs than the announced one
+    uint64_t n_announced_failed;        ///< contacts that were broken off
+    uint64_t n_announced_missed;        ///< announced payloads that did not come in time
+    bool is_of_two_bodies;              ///< an announced payload is in contact, or was before the last row
+    bool is_frozen;                     ///< windows do not reach the estimator
+    uint64_t n_frozen;                  ///< windows that did not reach the estimator while it was frozen
+    ipe_part_t part;
+    bool is_contact;                    ///< the estimate to publish is that of an announced payload's contact
+    int64_t window_ns;                  ///< middle of the last window
+    union {
+        ipe_average_t average;          ///< while part is IPE_PART_WINDOW
+        ipe_update_t update;            ///< while it is IPE_PART_UPDATE
+        ipe_publication_t publication;  ///< while it is IPE_PART_PUBLISH
+    };
 } ipe_pipeline_t;
 
 /// Set up every stage from a checked configuration.
@@ -74,6 +92,15 @@ ipe_status_t ipe_pipeline_push_position(ipe_pipeline_t* p, int64_t t_ns, const d
 /// IPE_NOT_READY    no row ready
 /// IPE_ERR_*        a row or window was refused, counted by cause
 ipe_status_t ipe_pipeline_step(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate);
+
+/// The same in parts, for a processor that has no threads: a part does a bounded share of the work, and frames and positions may
+/// be pushed between two parts. The estimates are the same, bit by bit, as long as rows get the same samples.
+///
+///   row       out  written by the part that takes a row
+///   estimate  out  written with IPE_OK; may be NULL
+///
+/// IPE_UNFINISHED: call again, the row has more to do; else as of ipe_pipeline_step(), which may also end what this began.
+ipe_status_t ipe_pipeline_step_part(ipe_pipeline_t* p, ipe_row_t* row, ipe_estimate_t* estimate);
 
 /// The input has ended: let rows out that were waiting for samples that will not come, then step as usual.
 void ipe_pipeline_flush(ipe_pipeline_t* p);

@@ -43,13 +43,14 @@ static bool prior_rows(const double P[IPE_NP][IPE_NP], double rows[IPE_NP][IPE_N
     return true;
 }
 
-void ipe_prior_fold(const ipe_config_t* config, const ipe_filter_states_t* states, double weight, ipe_rls_t* rls)
+void ipe_prior_fold(const ipe_config_t* config, const ipe_filter_states_t* states, double weight, int first, int count,
+                    ipe_rls_t* rls)
 {
     double row[IPE_NX_MAX], std[IPE_NX_MAX - IPE_NP], theta[IPE_NP], P[IPE_NP][IPE_NP], rows[IPE_NP][IPE_NP];
     ipe_prior_at_imu(config, theta, P);
     if (!prior_rows((const double (*)[IPE_NP])P, rows)) { return; }
     ipe_filter_states_std(states, std);
-    for (int i = 0; i < rls->n; ++i) {
+    for (int i = first; i < rls->n && i < first + count; ++i) {
         double y = 0.0;
         memset(row, 0, sizeof row);
         if (i < IPE_NP) {

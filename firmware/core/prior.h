@@ -20,8 +20,10 @@ void ipe_prior_at_imu(const ipe_config_t* config, double theta[IPE_NP], double P
 /// IPE_OK; IPE_ERR_CONFIG: the covariance shifted to the IMU is not positive definite, rls not usable.
 ipe_status_t ipe_prior_start(const ipe_config_t* config, const ipe_filter_states_t* states, ipe_rls_t* rls);
 
-/// Fold the prior into the filter as one more row per state, each multiplied by weight, 0 .. 1.
-void ipe_prior_fold(const ipe_config_t* config, const ipe_filter_states_t* states, double weight, ipe_rls_t* rls);
+/// Fold the prior into the filter as one more row per state, each multiplied by weight, 0 .. 1: the rows of `count` states
+/// from `first` on, so that a caller can fold it in parts. One after the other they equal all at once.
+void ipe_prior_fold(const ipe_config_t* config, const ipe_filter_states_t* states, double weight, int first, int count,
+                    ipe_rls_t* rls);
 
 /// One sigma [10] of what an unknown payload adds to theta about the IMU, from the cables' strength and the platform's
 /// size.

@@ -45,12 +45,12 @@ ipe_status_t ipe_rls_init(ipe_rls_t* s, const double theta[IPE_NP], const double
     return factorise(s, P) ? IPE_OK : IPE_ERR_CONFIG;
 }
 
-/// f = U^T h.
-static double factor(const ipe_rls_t* s, const double* h, int j)
+/// f = U^T h, h being 0 before first and from end on.
+static double factor(const ipe_rls_t* s, const double* h, int first, int end, int j)
 {
     const double* U = &s->U[column(j)];
     double f = h[j];
-    for (int i = 0; i < j; ++i) { f += U[i] * h[i]; }
+    for (int i = first; i < (j < end ? j : end); ++i) { f += U[i] * h[i]; }
     return f;
 }
 
@@ -62,7 +62,7 @@ void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_
     for (int j = 0; j < s->n; ++j) {
         double f[IPE_NY];
         for (int i = 0; i < IPE_NY; ++i) {
-            f[i] = factor(s, H + i * s->n, j);
+            f[i] = factor(s, H + i * s->n, 0, s->n, j);
             innovation[i] -= H[i * s->n + j] * s->x[j];
             for (int k = 0; k <= i; ++k) { S[i][k] += f[i] * s->D[j] * f[k]; }
         }
@@ -72,15 +72,19 @@ void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_
     }
 }
 
-/// One scalar row h x = y of this variance. Returns the squared normalised innovation.
+/// One scalar row h x = y of this variance. Returns the squared normalised innovation. Where h begins with zeros, so do f, g
+/// and b: columns before its first entry stay as they are.
 static double update_row(ipe_rls_t* s, const double* h, double y, double variance)
 {
-    double b[IPE_NX_MAX];
+    double b[IPE_NX_MAX] = {0.0};
     double a = variance;
     double innovation = y;
-    for (int j = 0; j < s->n; ++j) {
+    int first = 0, end = s->n;
+    while (first < s->n && h[first] == 0.0) { ++first; }
+    while (end > first && h[end - 1] == 0.0) { --end; }
+    for (int j = first; j < s->n; ++j) {
         double* U = &s->U[column(j)];
-        const double f = factor(s, h, j);
+        const double f = factor(s, h, first, end, j);
         const double g = s->D[j] * f;
         const double a_before = a;
         a += f * g;
@@ -123,19 +127,32 @@ static bool all_plausible(const double* v, int n)
     return true;
 }
 
-ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
-                            double* nis)
+ipe_status_t ipe_rls_whiten(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
+                            double z[IPE_NY])
 {
-    double z[IPE_NY];
     whiten(H, s->n, y, L, z);
     if (!all_plausible(H, IPE_NY * s->n) || !all_plausible(z, IPE_NY)) {
         ++s->n_nonfinite;
         return IPE_ERR_NONFINITE;
     }
-    *nis = 0.0;
-    for (int i = 0; i < IPE_NY; ++i) { *nis += update_row(s, H + i * s->n, z[i], 1.0); }
-    ++s->n_updates;
     return IPE_OK;
+}
+
+double ipe_rls_update_whitened(ipe_rls_t* s, const double* H, const double z[IPE_NY])
+{
+    double nis = 0.0;
+    for (int i = 0; i < IPE_NY; ++i) { nis += update_row(s, H + i * s->n, z[i], 1.0); }
+    ++s->n_updates;
+    return nis;
+}
+
+ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
+                            double* nis)
+{
+    double z[IPE_NY];
+    const ipe_status_t status = ipe_rls_whiten(s, H, y, L, z);
+    if (status == IPE_OK) { *nis = ipe_rls_update_whitened(s, H, z); }
+    return status;
 }
 
 void ipe_rls_update_row(ipe_rls_t* s, const double* h, double y)

@@ -47,7 +47,15 @@ void ipe_rls_innovation(const ipe_rls_t* s, const double* H, const double y[IPE_
 ipe_status_t ipe_rls_update(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
                             double* nis);
 
-/// Fold in one scalar row h x = y of unit variance, h [n].
+/// The first half of ipe_rls_update(), which says what the arguments are: H becomes L^-1 H, z [6] = L^-1 y. Status as there.
+ipe_status_t ipe_rls_whiten(ipe_rls_t* s, double* H, const double y[IPE_NY], const double L[IPE_NY][IPE_NY],
+                            double z[IPE_NY]);
+
+/// The second half: fold in the whitened equations z = H x. Returns nis.
+double ipe_rls_update_whitened(ipe_rls_t* s, const double* H, const double z[IPE_NY]);
+
+/// Fold in one scalar row h x = y of unit variance, h [n]. Costs less the fewer entries lie between the first that is not 0
+/// and the end.
 void ipe_rls_update_row(ipe_rls_t* s, const double* h, double y);
 
 /// Older data counts less: P /= lambda, 0 < lambda <= 1.

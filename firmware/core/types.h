@@ -20,6 +20,7 @@ typedef enum {
     IPE_OK = 0,
     IPE_NOT_READY = 1,       ///< more input needed
     IPE_IGNORED = 2,         ///< not for this stage: an ID that no signal is bound to
+    IPE_UNFINISHED = 3,      ///< a part is done: call again for the rest
     IPE_ERR_CONFIG = -1,     ///< a setting out of range
     IPE_ERR_LENGTH = -2,     ///< frame shorter or longer than its message
     IPE_ERR_NONFINITE = -3,  ///< NaN or Inf

@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 enum { COUNT_MAX = 1 << 30 };  // chosen over all counts of windows, and so that one that begins there stays an int
-enum { VERSION = 8, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
+enum { VERSION = 9, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
 static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
 
@@ -73,7 +73,7 @@ static bool has_plausible_counts(const ipe_estimator_t* e)
 {
     const ipe_change_detector_t* d = &e->change_detector;
     const int counts[] = {d->n_level,        d->n_contest,      d->n_restless,        d->n_calm,   d->n_steps,
-                          d->n_since_change, d->step.n_windows, e->pose_dwell.n_slow, e->n_delays, d->last.n_windows};
+                          d->n_since_change, d->step.n_windows, e->pose_dwell.n_slow, e->n_delays};
     const int64_t times[] = {e->filter_states.t_ns, e->filter_states.drifted_ns, e->estimate.t_ns};
     return are_counts(counts, sizeof counts / sizeof counts[0]) &&
            are_counts(e->misfit_score.n_blocks, IPE_MISFIT_SCALES) &&

@@ -143,8 +143,11 @@ static void test_checkpoint_of_a_contact_restarts_with_the_body_before(void)
 {
     double step[IPE_NP] = {30.0}, std[IPE_NP] = {1.0};
     const ipe_estimator_t before = warm.estimator;
-    TEST_ASSERT_EQUAL_INT(IPE_OK,
-                          ipe_estimator_publish_moved(&warm.estimator, &config, before.estimate.t_ns, step, std));
+    ipe_publication_t moved;
+    ipe_estimator_begin_publication(&warm.estimator, &config, before.estimate.t_ns, step, std, &moved);
+    ipe_status_t status = IPE_UNFINISHED;
+    while (status == IPE_UNFINISHED) { status = ipe_estimator_go_on_publication(&warm.estimator, &config, &moved); }
+    TEST_ASSERT_EQUAL_INT(IPE_OK, status);
     TEST_ASSERT_TRUE(warm.estimator.estimate.is_provisional);
     write_it();
     warm.estimator = before;

@@ -571,6 +571,67 @@ static void test_step_same_input_gives_the_same_bytes(void)
                              sizeof pipeline.estimator.estimate);
 }
 
+/// One part; a new estimate is added to the sum of them all.
+static ipe_status_t take_part(ipe_pipeline_t* p, double* sum)
+{
+    ipe_row_t row;
+    ipe_estimate_t estimate;
+    const ipe_status_t status = ipe_pipeline_step_part(p, &row, &estimate);
+    for (int i = 0; i < IPE_NP && status == IPE_OK; ++i) {
+        *sum = 0.9 * *sum + estimate.theta[i] + estimate.covariance[i][i];  // so that each bit of each estimate counts
+    }
+    return status;
+}
+
+static void test_step_in_parts_gives_the_same_bytes(void)
+{
+    double whole = 0.0, parts = 0.0;
+    int n_unfinished = 0;
+    config.memory = 60.0;             // given: the prior's rows come back
+    init(&pipeline), init(&other);
+    for (int k = 0; k < 8000; ++k) {  // when: one done at once, of the other two parts after each sample, as they come
+        push_sample(&pipeline, k), push_sample(&other, k);
+        while (take_part(&pipeline, &whole) != IPE_NOT_READY) {}
+        for (int i = 0; i < 2; ++i) { n_unfinished += take_part(&other, &parts) == IPE_UNFINISHED; }
+    }
+    ipe_pipeline_flush(&pipeline), ipe_pipeline_flush(&other);
+    while (take_part(&pipeline, &whole) != IPE_NOT_READY) {}
+    while (take_part(&other, &parts) != IPE_NOT_READY) {}
+    TEST_ASSERT_GREATER_THAN_UINT64(50, other.estimator.n_excited);  // then
+    TEST_ASSERT_GREATER_THAN_INT(3 * (int)other.estimator.rls.n_updates, n_unfinished);
+    TEST_ASSERT_EQUAL_MEMORY(&whole, &parts, sizeof whole);
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimator.rls, &other.estimator.rls, sizeof pipeline.estimator.rls);
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimator.estimate, &other.estimator.estimate,
+                             sizeof pipeline.estimator.estimate);
+}
+
+static void test_freeze_and_reset_between_two_parts_let_the_row_finish(void)
+{
+    double sum = 0.0;
+    ipe_row_t row;
+    int k = 4000;
+    (void)run(&pipeline, 0, k);  // given: a window has ended, its rows wait
+    for (; pipeline.part != IPE_PART_UPDATE; ++k) {
+        push_sample(&pipeline, k);
+        (void)take_part(&pipeline, &sum);
+    }
+    other = pipeline;
+    other.decode.config = &other.config;
+    const uint64_t n_updates = pipeline.estimator.rls.n_updates;
+    (void)ipe_pipeline_step(&pipeline, &row, NULL);
+    ipe_pipeline_freeze(&other, true);                                       // when
+    TEST_ASSERT_EQUAL_UINT64(n_updates + 1, other.estimator.rls.n_updates);  // then
+    TEST_ASSERT_EQUAL_MEMORY(&pipeline.estimator.estimate, &other.estimator.estimate, sizeof other.estimator.estimate);
+    TEST_ASSERT_EQUAL_INT(IPE_PART_ROW, other.part);
+    for (; pipeline.part != IPE_PART_UPDATE; ++k) {
+        push_sample(&pipeline, k);
+        (void)take_part(&pipeline, &sum);
+    }
+    ipe_pipeline_reset(&pipeline);                       // when
+    TEST_ASSERT_EQUAL_INT(IPE_PART_ROW, pipeline.part);  // then: nothing of the window gets into the new filter
+    TEST_ASSERT_EQUAL_UINT64(0, pipeline.estimator.rls.n_updates);
+}
+
 static void test_step_order_of_sensors_on_the_bus_changes_nothing(void)
 {
     init(&other);                     // given: forces before and after the IMU
@@ -1137,14 +1198,44 @@ static void test_expect_contact_goes_on_after_a_gap(void)
     TEST_ASSERT_DOUBLE_WITHIN(1.0, 211.058, pipeline.estimator.estimate.body.mass);
 }
 
-static void test_expect_before_the_noise_is_learnt_is_not_looked_for(void)
+enum { EARLY = 2000, EARLY_CONTACT = 2500 };  // ms: after 17 windows
+
+/// An announcement that comes while the noise is not learnt.
+static void expect_early(void)
 {
-    (void)carry(0, 1000, 0.0, ENDED);  // given
+    (void)carry(0, EARLY, 0.0, ENDED);
+    TEST_ASSERT_FALSE(ipe_estimator_is_noise_learnt(&pipeline.estimator));
     expect_point(50.0);
-    announcement.from_ns = START + 1500 * MS;
-    (void)carry(1000, 3000, 0.0, ENDED);         // when
+    announcement.from_ns = START + EARLY_CONTACT * MS;
+}
+
+static void test_expect_before_the_first_estimate_is_not_looked_for(void)
+{
+    expect_point(50.0);                          // given
+    announcement.from_ns = START + 200 * MS;
+    (void)carry(0, 350, 0.0, ENDED);             // when
     TEST_ASSERT_FALSE(announcement.has_looked);  // then
     TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_WAITS, announcement.state);
+}
+
+static void test_expect_contact_before_the_noise_is_learnt_is_followed(void)
+{
+    expect_early();                                                  // given
+    const int right = carry(EARLY, ENDED, 50.0, EARLY_CONTACT);      // when
+    TEST_ASSERT_LESS_THAN_INT(EARLY_CONTACT + LOADED + 100, right);  // then
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.taken"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, 211.058, pipeline.estimator.estimate.body.mass);
+}
+
+static void test_expect_push_before_the_noise_is_learnt_leaves_the_body_before(void)
+{
+    enum { PUSH = 250 };  // ms
+    expect_early();       // given
+    (void)carry(EARLY, EARLY_CONTACT + PUSH, 50.0, EARLY_CONTACT);
+    TEST_ASSERT_EQUAL_INT(IPE_ANNOUNCEMENT_CONTACT, announcement.state);
+    (void)carry(EARLY_CONTACT + PUSH, ENDED, 0.0, ENDED);  // when: half of it, and gone again
+    TEST_ASSERT_EQUAL_UINT64(1, counter("expect.failed"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01 * 161.058, 161.058, pipeline.estimator.estimate.body.mass);  // then
 }
 
 static void test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published(void)
@@ -1255,6 +1346,8 @@ int main(void)
     RUN_TEST(test_continue_takes_over_all_that_was_learnt);
     RUN_TEST(test_gyro_bias_is_used_from_the_next_row_on);
     RUN_TEST(test_step_same_input_gives_the_same_bytes);
+    RUN_TEST(test_step_in_parts_gives_the_same_bytes);
+    RUN_TEST(test_freeze_and_reset_between_two_parts_let_the_row_finish);
     RUN_TEST(test_step_order_of_sensors_on_the_bus_changes_nothing);
     RUN_TEST(test_init_bad_configuration_is_refused_with_reason);
     RUN_TEST(test_push_faulty_frames_are_counted_and_change_nothing);
@@ -1280,7 +1373,9 @@ int main(void)
     RUN_TEST(test_expect_load_that_never_rests_ends_the_contact_after_3_s);
     RUN_TEST(test_expect_frozen_contact_is_not_followed_and_is_broken_off_after_3_s);
     RUN_TEST(test_expect_contact_goes_on_after_a_gap);
-    RUN_TEST(test_expect_before_the_noise_is_learnt_is_not_looked_for);
+    RUN_TEST(test_expect_before_the_first_estimate_is_not_looked_for);
+    RUN_TEST(test_expect_contact_before_the_noise_is_learnt_is_followed);
+    RUN_TEST(test_expect_push_before_the_noise_is_learnt_leaves_the_body_before);
     RUN_TEST(test_expect_no_window_of_two_bodies_is_used_where_none_can_be_published);
     RUN_TEST(test_expect_in_a_contact_is_refused_and_changes_nothing);
     RUN_TEST(test_expect_contact_is_broken_off_where_another_pipeline_goes_on);

@@ -385,6 +385,46 @@ static void test_update_row_is_one_sixth_of_a_block(void)
     TEST_ASSERT_EQUAL_MEMORY(rls.U, by_rows.U, sizeof rls.U);
 }
 
+/// Bierman's recursion with nothing left out, one row h x = y of unit variance.
+static void update_plainly(ipe_rls_t* s, const double* h, double y)
+{
+    double b[IPE_NX_MAX], a = 1.0, innovation = y;
+    for (int j = 0; j < s->n; ++j) {
+        double *U = s->U + j * (j - 1) / 2, f = h[j];
+        for (int i = 0; i < j; ++i) { f += U[i] * h[i]; }
+        const double g = s->D[j] * f, before = a;
+        a += f * g;
+        s->D[j] *= before / a;
+        for (int i = 0; i < j; ++i) {
+            const double old = U[i];
+            U[i] = old + b[i] * (-f / before);
+            b[i] += g * old;
+        }
+        b[j] = g;
+        innovation -= h[j] * s->x[j];
+    }
+    for (int j = 0; j < s->n; ++j) { s->x[j] += b[j] * (innovation / a); }
+}
+
+static void test_update_row_that_is_mostly_zeros_gives_the_bits_of_a_full_one(void)
+{
+    double nis;
+    start(XI_MAX);  // given: states correlated with each other
+    for (int k = 0; k < 20; ++k) {
+        const block_t b = random_block(1.0, 1.0);
+        (void)update(&rls, &b, &nis);
+    }
+    ipe_rls_t plain = rls;
+    for (int i = 0; i < rls.n; ++i) {
+        double h[IPE_NX_MAX] = {0.0};
+        h[i] = 0.7;
+        if (i % 3 == 0) { h[i / 2] = -0.4; }
+        ipe_rls_update_row(&rls, h, 0.1 * i);  // when
+        update_plainly(&plain, h, 0.1 * i);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(&plain, &rls, sizeof rls);  // then
+}
+
 static void test_forget_divides_covariance(void)
 {
     double before[IPE_NP * IPE_NP], after[IPE_NP * IPE_NP], nis;  // given
@@ -466,6 +506,7 @@ int main(void)
     RUN_TEST(test_update_order_of_blocks_and_rows_changes_only_rounding);
     RUN_TEST(test_update_covariance_stays_positive_definite_over_1e6_blocks);
     RUN_TEST(test_update_row_is_one_sixth_of_a_block);
+    RUN_TEST(test_update_row_that_is_mostly_zeros_gives_the_bits_of_a_full_one);
     RUN_TEST(test_forget_divides_covariance);
     RUN_TEST(test_loosen_adds_variance_to_one_state_only);
     RUN_TEST(test_fade_scales_one_state_with_its_row_and_column);

@@ -13,7 +13,8 @@
 #include <stddef.h>
 
 /// 64 frames of 8 bytes fill a bus of 1 Mbit/s for 7 ms. A processor that executes 480 million instructions per second needs
-/// 4 ms for the longest call of ipe_pipeline_step (`make m7` counts its instructions); a slower one needs a larger ring.
+/// under 2 ms for the longest call of ipe_pipeline_step_part (`make m7` counts its instructions); a slower one needs a larger
+/// ring.
 enum { IPE_FRAME_RING = 64 };
 
 typedef struct {

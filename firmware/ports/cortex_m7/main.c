@@ -8,6 +8,7 @@
 #include "fdcan.h"
 #include "pipeline.h"
 
+#include <stdbool.h>
 #include <string.h>
 
 enum { FRAME = 1, POSITION = 2 };
@@ -84,31 +85,31 @@ static void write_estimate(const ipe_estimate_t* e)
     ++measured.n_estimates;
 }
 
-/// Steps until no row is ready. Each call is measured.
-static void step_all(void)
+/// One part of a row's work. False: no row is ready. Each call is measured.
+static bool step(void)
 {
-    for (;;) {
-        const uint32_t start = board_ticks();
-        ipe_row_t row;
-        const ipe_status_t status = ipe_pipeline_step(&pipeline, &row, NULL);
-        const uint32_t ticks = board_ticks() - start;
-        if (status == IPE_NOT_READY) { return; }
-        measured.ticks += ticks;
-        measured.worst = ticks > measured.worst ? ticks : measured.worst;
-        ++measured.n_rows;
-        if (status == IPE_OK) { write_estimate(&pipeline.estimator.estimate); }
-    }
+    const uint32_t start = board_ticks();
+    ipe_row_t row;
+    const ipe_status_t status = ipe_pipeline_step_part(&pipeline, &row, NULL);
+    const uint32_t ticks = board_ticks() - start;
+    if (status == IPE_NOT_READY) { return false; }
+    measured.ticks += ticks;
+    measured.worst = ticks > measured.worst ? ticks : measured.worst;
+    measured.n_rows += status != IPE_UNFINISHED;
+    if (status == IPE_OK) { write_estimate(&pipeline.estimator.estimate); }
+    return true;
 }
 
-/// Main loop, one turn: frames that the interrupt has left, then the rows they completed.
-static void poll(void)
+/// Main loop, one turn: frames that the interrupt has left, then one part of the work, so that the ring is soon looked at again.
+/// False: no row is ready.
+static bool turn(void)
 {
     for (const ipe_frame_t* frame; (frame = ipe_frame_ring_oldest(&ring)) != NULL; ipe_frame_ring_drop(&ring)) {
         const uint32_t start = board_ticks();
         (void)ipe_pipeline_push_frame(&pipeline, frame);
         measured.ticks += board_ticks() - start;
     }
-    step_all();
+    return step();
 }
 
 int main(void)
@@ -122,15 +123,16 @@ int main(void)
         board_exit(2);
     }
     board_mark_stack();
-    for (item_t item; board_read(&item, sizeof item) == sizeof item; poll()) {
+    for (item_t item; board_read(&item, sizeof item) == sizeof item; (void)turn()) {
         if (item.kind == FRAME) {
             deliver(&item);
         } else {
             (void)ipe_pipeline_push_position(&pipeline, item.t_ns, item.content.position);
         }
     }
+    while (turn()) {}
     ipe_pipeline_flush(&pipeline);
-    step_all();
+    while (turn()) {}
     const uint64_t result[] = {measured.n_frames, measured.n_rows,    measured.n_estimates, measured.ticks,
                                measured.worst,    board_stack_used(), sizeof pipeline};
     for (size_t i = 0; i < sizeof result / sizeof *result; ++i) { write_hex(result[i]); }
