@@ -110,13 +110,15 @@ static __attribute__((noinline)) bool look(ipe_announcement_t* a, ipe_estimator_
     ipe_body_step_t sums;
     ipe_body_step_fit_t fit;
     const ipe_change_detector_t* d = &e->change_detector;
+    const bool is_learnt = ipe_estimator_is_noise_learnt(e);
     if (ipe_window_push(&a->window, t_ns, motion, wrench, &average) != IPE_OK) { return false; }
     if (ipe_cable_inertia_add(config, &average) != IPE_OK) { return false; }
     *shown = (shown_t){.t_ns = average.t_ns, .share_std = 1.0};
     if (ipe_estimator_contrast(e, config, &average, &sums) != IPE_OK) { return true; }
     a->has_looked = true;
-    ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d), &fit, &shown->share, &shown->share_std);
-    shown->is_evident = shown->share > 0.0 && ipe_change_detector_is_evident(d, &sums, &fit);
+    ipe_body_step_along(&sums, a->step, ipe_change_detector_scale(d, is_learnt), &fit, &shown->share,
+                        &shown->share_std);
+    shown->is_evident = shown->share > 0.0 && ipe_change_detector_is_evident(d, is_learnt, &sums, &fit);
     return true;
 }
 
@@ -219,14 +221,14 @@ static void follow(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t
     if (is_resting(a, shown->share_std, &resting)) { take(a, e, config, resting, shown->share_std); }
 }
 
-/// By what the contact has done to the body, where one is under way; else the filter's own.
-static ipe_status_t publish(const ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns)
+void ipe_announcement_begin_publication(const ipe_announcement_t* a, const ipe_estimator_t* e,
+                                        const ipe_config_t* config, ipe_publication_t* publication)
 {
     double step[IPE_NP], std[IPE_NP];
-    if (a->state != IPE_ANNOUNCEMENT_CONTACT) { return ipe_estimator_publish(e, config, t_ns); }
+    const bool is_moved = a->state == IPE_ANNOUNCEMENT_CONTACT;
     step_of(a, a->now, step);
     std_of(a, a->now, a->now_std, std);
-    return ipe_estimator_publish_moved(e, config, t_ns, step, std);
+    ipe_estimator_begin_publication(e, config, a->shown_ns, is_moved ? step : NULL, is_moved ? std : NULL, publication);
 }
 
 /// Whether windows end or not; or the clock was stepped back.
@@ -243,7 +245,8 @@ ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, co
     if (a->state == IPE_ANNOUNCEMENT_WAITS && t_ns > a->from_ns + PATIENCE_NS) { a->state = IPE_ANNOUNCEMENT_MISSED; }
     if (is_too_long(a, t_ns)) {
         break_off(a, e);
-        return publish(a, e, config, t_ns);
+        a->shown_ns = t_ns;
+        return IPE_OK;
     }
     if (t_ns < a->from_ns - EARLY_NS || a->state == IPE_ANNOUNCEMENT_MISSED) { return IPE_NOT_READY; }
     if (!look(a, e, config, t_ns, motion, wrench, &shown)) { return IPE_NOT_READY; }
@@ -258,5 +261,6 @@ ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, co
     } else if (a->n_failed >= FAILED_WINDOWS) {
         break_off(a, e);
     }
-    return publish(a, e, config, shown.t_ns);
+    a->shown_ns = shown.t_ns;
+    return IPE_OK;
 }

@@ -4,7 +4,8 @@
 ///   e_k = x_k Y_k d + noise       d: ten parameters of the announced payload, x_k: share of it in window k
 /// e_k is the innovation of a window under the body before. It has 40 ms, or 8 rows where these take longer (below 200 Hz), and a
 /// new one begins every quarter of it; the estimator's own are ten times longer and average over the contact. The demands on
-/// that step are those of change_detector.h on a sudden change; only its direction is known beforehand.
+/// that step are those of change_detector.h on a sudden change; only its direction is known beforehand. As long as the noise is
+/// only declared, it counts as four times that, so that a push at the start is none.
 ///
 ///   waits    from 1 s before the announced time; two windows in a row, each alone, show a share above 0
 ///   contact  the estimate is the body before plus x d, extrapolated to the present, and provisional; the filter's windows are
@@ -47,7 +48,7 @@ typedef struct {
     double std[IPE_NP];                     ///< of that where its mass is known
     double relative_std;                    ///< of its mass
     ipe_window_t window;
-    bool has_looked;                        ///< a window could be compared: the noise was known
+    bool has_looked;                        ///< a window could be compared: there was an estimate
     int n_evident;                          ///< windows in a row, up to now, that show a share
     int n_failed;                           ///< in a contact: windows in a row that do not
     int64_t contact_ns;                     ///< first window of the contact
@@ -55,6 +56,7 @@ typedef struct {
     double share[IPE_ANNOUNCEMENT_SHARES];  ///< of the newest windows, window k at k % IPE_ANNOUNCEMENT_SHARES,
     double t[IPE_ANNOUNCEMENT_SHARES];      ///< s since contact_ns, their middles
     double now, now_std;                    ///< share at present
+    int64_t shown_ns;                       ///< instant to publish for
 } ipe_announcement_t;
 
 /// Begin to wait.
@@ -70,9 +72,14 @@ ipe_status_t ipe_announcement_init(ipe_announcement_t* a, const ipe_config_t* co
                                    const double body[IPE_ANNOUNCEMENT_NUMBERS], int64_t from_ns, double period,
                                    char* message, size_t size);
 
-/// A row's motion and wrench. IPE_OK: the estimate of e is new, by a's state; the caller starts its windows anew where that is
-/// TAKEN, OTHER or FAILED, since those open are of two bodies. IPE_NOT_READY: nothing new.
+/// A row's motion and wrench. IPE_OK: publish, by a's state; the caller then starts its windows anew where that is TAKEN, OTHER or
+/// FAILED, since those open are of two bodies. IPE_NOT_READY: nothing new.
 ipe_status_t ipe_announcement_push(ipe_announcement_t* a, ipe_estimator_t* e, const ipe_config_t* config, int64_t t_ns,
                                    const ipe_motion_t* motion, const ipe_wrench_t* wrench);
+
+/// After ipe_announcement_push() gave IPE_OK: begin to publish, while in contact the body as the announced payload has moved it,
+/// else as the filter has it.
+void ipe_announcement_begin_publication(const ipe_announcement_t* a, const ipe_estimator_t* e,
+                                        const ipe_config_t* config, ipe_publication_t* publication);
 
 #endif

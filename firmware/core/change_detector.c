@@ -62,9 +62,20 @@ double ipe_change_detector_nis(const double innovation[IPE_NY], const double S[I
 }
 
 /// Learnt, or as declared and plainly not too small.
+static bool is_level_safe(const ipe_change_detector_t* d)
+{
+    return d->n_level >= LEVEL_WINDOWS && d->level < LEVEL_SAFE;
+}
+
 static bool knows_noise(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
 {
-    return w->is_noise_known || (d->n_level >= LEVEL_WINDOWS && d->level < LEVEL_SAFE);
+    return w->is_noise_known || is_level_safe(d);
+}
+
+/// Mean NIS of late; more where the noise is not known.
+static double level_of(const ipe_change_detector_t* d, bool is_noise_known)
+{
+    return is_noise_known || is_level_safe(d) ? d->level : fmax(d->level, UNKNOWN_NOISE);
 }
 
 static double restless_nis(const ipe_change_detector_t* d, const ipe_change_detector_window_t* w)
@@ -96,20 +107,23 @@ static double misfit_limit(const ipe_body_step_t* step, double level)
 /// The body after, with this window. Anew from it where the load still moves: alone the window is a step of a body, with
 /// those before it is none; and where 5 s of them are none. The states err alike in all windows of a contest: of n windows
 /// their part of the covariance counts n times.
-static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double std[IPE_NP])
+///
+///   last  out  the same from this window alone
+static void follow_step(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double std[IPE_NP],
+                        ipe_body_step_t* last)
 {
     ipe_body_step_fit_t fit, alone;
     double shared[IPE_NY][IPE_NY];
     for (int i = 0; i < IPE_NY * IPE_NY; ++i) {
         shared[i / IPE_NY][i % IPE_NY] = (d->step.n_windows + 1) * w->S[i / IPE_NY][i % IPE_NY];
     }
-    ipe_body_step_start(&d->last);
-    if (!ipe_body_step_add(&d->last, w->Y, w->innovation, w->S, w->L)) { return; }
+    ipe_body_step_start(last);
+    if (!ipe_body_step_add(last, w->Y, w->innovation, w->S, w->L)) { return; }
     (void)ipe_body_step_add(&d->step, w->Y, w->innovation, (const double (*)[IPE_NY])shared, w->L);
-    ipe_body_step_solve(&d->last, std, 1.0, &alone);
+    ipe_body_step_solve(last, std, 1.0, &alone);
     ipe_body_step_solve(&d->step, std, 1.0, &fit);
     const bool is_new = alone.misfit < MOVING * fit.misfit || d->step.n_windows >= CONTEST_WINDOWS;
-    if (fit.misfit > misfit_limit(&d->step, d->level) && is_new) { d->step = d->last; }
+    if (fit.misfit > misfit_limit(&d->step, d->level) && is_new) { d->step = *last; }
 }
 
 /// What a step has to show.
@@ -157,14 +171,15 @@ static bool is_step(const ipe_body_step_t* step, double level, const double payl
 
 /// A step that lasts; or one so large that two windows in a row show it, each alone, while the load still moves. In a misfit
 /// the noise is learnt from a disturbance, so one window shows nothing, and a step has to last for longer.
-static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const double payload_std[IPE_NP])
+static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t* w, const ipe_body_step_t* last,
+                   const double payload_std[IPE_NP])
 {
     const int n = d->step.n_windows;
     const demand_t sudden = {.mass = SUDDEN_MASS * w->mass, .evidence = SUDDEN_EVIDENCE};
     const demand_t lasting = {
         .mass = LEAST_MASS * w->mass, .evidence = fmax(EVIDENCE_MIN, EVIDENCE / n), .may_be_shift = n >= SHIFT_WINDOWS};
     const int least = ipe_change_detector_is_misfit(d) ? SHIFT_WINDOWS : LASTING_WINDOWS;
-    const bool is_sudden = !ipe_change_detector_is_misfit(d) && is_step(&d->last, d->level, payload_std, &sudden);
+    const bool is_sudden = !ipe_change_detector_is_misfit(d) && is_step(last, d->level, payload_std, &sudden);
     d->n_steps = is_sudden ? d->n_steps + 1 : 0;
     return d->n_steps >= IPE_CHANGE_DETECTOR_SUDDEN_WINDOWS ||
            (n >= least && is_step(&d->step, d->level, payload_std, &lasting));
@@ -173,6 +188,7 @@ static bool is_won(ipe_change_detector_t* d, const ipe_change_detector_window_t*
 static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe_change_detector_window_t* w,
                                              const double payload_std[IPE_NP])
 {
+    ipe_body_step_t last;
     if (d->n_contest == 0) { ipe_body_step_start(&d->step); }
     const bool is_calm = w->nis <= restless_nis(d, w);
     if (!ipe_change_detector_is_misfit(d)) {
@@ -181,8 +197,8 @@ static ipe_change_detector_verdict_t compete(ipe_change_detector_t* d, const ipe
     }
     d->n_restless += !is_calm && d->n_restless < CALM_WINDOWS;
     d->n_calm = is_calm ? d->n_calm + 1 : 0;
-    follow_step(d, w, payload_std);
-    if (knows_noise(d, w) && is_won(d, w, payload_std)) {
+    follow_step(d, w, payload_std, &last);
+    if (knows_noise(d, w) && is_won(d, w, &last, payload_std)) {
         ++d->n_changes;
         ipe_change_detector_restart_after_change(d);
         return IPE_CHANGE_DETECTOR_CHANGE;
@@ -214,15 +230,16 @@ ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d,
     return IPE_CHANGE_DETECTOR_USE;
 }
 
-bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, const ipe_body_step_t* step,
+bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, bool is_noise_known, const ipe_body_step_t* step,
                                     const ipe_body_step_fit_t* fit)
 {
-    return is_evident(fit, step, d->level, SUDDEN_EVIDENCE);
+    const bool is_known = is_noise_known || is_level_safe(d);
+    return is_evident(fit, step, level_of(d, is_noise_known), is_known ? SUDDEN_EVIDENCE : EVIDENCE_MIN);
 }
 
-double ipe_change_detector_scale(const ipe_change_detector_t* d)
+double ipe_change_detector_scale(const ipe_change_detector_t* d, bool is_noise_known)
 {
-    return fmax(1.0, d->level);
+    return fmax(1.0, level_of(d, is_noise_known));
 }
 
 void ipe_change_detector_restart_after_change(ipe_change_detector_t* d)

@@ -11,7 +11,7 @@
 /// While the load moves, the body after begins anew with each window; within a second of a change, a suspicion is the same
 /// change going on: the parameters are loosened again at once. A push or friction is no step of a body: a body
 /// explains one of the three components of force and two of the moment's, and explains them window after window.
-/// Source: firmware/DESIGN.md, "Change"; Page, Biometrika 41, 1954. 2 KB of state, 10 ns, in a contest 20 us; one thread.
+/// Source: firmware/DESIGN.md, "Change"; Page, Biometrika 41, 1954. 1 KB of state, 10 ns, in a contest 20 us; one thread.
 #ifndef IPE_CHANGE_DETECTOR_H
 #define IPE_CHANGE_DETECTOR_H
 
@@ -54,7 +54,6 @@ typedef struct {
     int n_since_change;     ///< windows since the last change, counted up to a second
     double contest_square;  ///< sum of the contest's NIS, 50 at most of each window
     ipe_body_step_t step;   ///< the body after
-    ipe_body_step_t last;   ///< the same from the last window alone
     uint64_t n_held;        ///< windows held back while a suspected payload change is decided
     uint64_t n_misfit;   ///< held windows after 5 s in which neither body explained them; the noise is learnt from them
     uint64_t n_changes;  ///< payload changes: the body after explains the windows far better than the one before
@@ -76,12 +75,14 @@ ipe_change_detector_verdict_t ipe_change_detector_push(ipe_change_detector_t* d,
                                                        const double payload_std[IPE_NP]);
 
 /// Does this step of a body explain its windows, and far better than none, as a sudden change must? fit: solved with the scale
-/// below. The level must be learnt: as long as the noise is not, it says nothing. No state is changed.
-bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, const ipe_body_step_t* step,
+/// below. is_noise_known as in ipe_change_detector_window_t: if not, that scale is larger and less evidence has to do. No state
+/// is changed.
+bool ipe_change_detector_is_evident(const ipe_change_detector_t* d, bool is_noise_known, const ipe_body_step_t* step,
                                     const ipe_body_step_fit_t* fit);
 
-/// Noise scale that steps are solved with, ipe_body_step_solve(): mean NIS of late, at least 1; no unit. The same holds.
-double ipe_change_detector_scale(const ipe_change_detector_t* d);
+/// Noise scale that steps are solved with, ipe_body_step_solve(): mean NIS of late, at least 1; no unit. As long as the noise is
+/// neither known nor plainly as declared, at least 4.
+double ipe_change_detector_scale(const ipe_change_detector_t* d, bool is_noise_known);
 
 /// A change was found elsewhere: the contest that runs is over, and a suspicion within the next second is the same change.
 void ipe_change_detector_restart_after_change(ipe_change_detector_t* d);

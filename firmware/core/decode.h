@@ -2,7 +2,8 @@
 /// CAN frame -> values in SI, by a table made from DBC signals.
 ///
 /// Any start bit, length 1..64, byte order, sign, IEEE float32/float64, scale, offset, one level of multiplexing.
-/// The table is built once; a frame costs one hash probe and about 5 ns per signal. 2 KB of state, one thread.
+/// The table is built once; a frame costs one hash probe and about 5 ns per signal. 2 KB of state (0.5 KB in the micro profile), one
+/// thread.
 #ifndef IPE_DECODE_H
 #define IPE_DECODE_H
 
@@ -19,8 +20,6 @@ typedef struct {
         double value;      ///< SI
     } item[IPE_SIGNALS_MAX];
 } ipe_sample_t;
-
-enum { IPE_DECODE_SLOTS = 256 };
 
 typedef struct {
     struct {

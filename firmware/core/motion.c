@@ -107,7 +107,7 @@ void ipe_motion_init(ipe_motion_stage_t* m, const ipe_config_t* config)
     m->max_gap_ns = (int64_t)llround(1e9 * config->max_age[IPE_IMU]);
     m->max_carry_ns = (int64_t)llround(1e9 * config->max_carry);
     m->position_variance = square(START_POSITION_STD);
-    set_sensor_error(config->std_attitude_wander, &m->sensor_error);
+    m->std_wander = config->std_attitude_wander;
     m->n_learnt = POSITION_PRIOR;
 }
 
@@ -158,16 +158,15 @@ static void accelerate(ipe_motion_stage_t* m)
     m->a[2] -= m->gravity;
 }
 
-/// The second derivative at a step of dt whose slope is this, given the slope before it. 0 where the steps differ so much
-/// that a difference of slopes is mostly noise.
+/// Second derivative over a step of dt, from its slope and that of the step before. 0 where the two steps are so different that
+/// their slopes' difference is mostly noise.
 static double bend(const ipe_motion_stage_t* m, double dt, double slope, double slope_before)
 {
     const bool is_regular = m->step > dt / STEP_RATIO_MAX && m->step < dt * STEP_RATIO_MAX;
     return is_regular ? 2.0 * (slope - slope_before) / (m->step + dt) : 0.0;
 }
 
-/// p, v, R over dt seconds to a row with these readings: integrals of the parabola through three rows; the axis of a
-/// rate that turns is taken along (coning).
+/// Integrate p, v, R over dt seconds to a row with these readings: the parabola through three rows, and coning.
 static void advance_mean(ipe_motion_stage_t* m, double dt, const double acc[3], const double gyro[3])
 {
     double s[3], w[3], w_before[3], w_now[3], cone[3], mean[3], turn[3], turned[3][3], R[3][3], s_before[3],
@@ -651,7 +650,7 @@ static void read_sensors(const ipe_motion_stage_t* m, const ipe_row_t* row, ipe_
     mat3_mul_vec(m->R_PI, w, motion->w);
     ahrs_attitude(m, row->q, (const double (*)[3])m->ahrs_to_platform, motion->R);
     if (m->delay_attitude != 0.0) { turn_on(motion->w, m->delay_attitude, motion->R); }
-    motion->error = m->sensor_error;
+    set_sensor_error(m->std_wander, &motion->error);
 }
 
 static void read_filter(const ipe_motion_stage_t* m, ipe_motion_t* motion)

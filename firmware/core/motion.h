@@ -9,11 +9,12 @@
 ///   beta   3   scales of the accelerometer, I axes       s = (acc - acc_bias)(1 - beta)
 ///   kappa  3   scales of the gyro, I axes
 ///   p' = v    v' = R s - g z    R' = R [w]x    x = p + R l      l: from the IMU to the tracked point, I axes
-/// The mean advances with every row, by the parabola through the readings of three rows (Adams and Moulton, order 3): with
-/// straight lines a platform that swings at 1 Hz, sampled at 25 Hz, would seem to accelerate 0.5 % less than it does. A rate
-/// whose axis turns within a step adds dt^2/12 w x w_next to the turn (coning: Savage, Strapdown Analytics, 2000, ch. 7). The covariance advances once per epoch of 40 ms, with the mean of the positions since
-/// then as its measurement, and the yaw of the AHRS as a weak one: its error is a bias and a slow wander. The tilt of the
-/// AHRS serves as the start only. beta takes the accelerometer bias along the vertical with it.
+/// The mean advances with every row, by the parabola through the readings of three rows (Adams and Moulton, order 3). With
+/// straight lines between rows a platform that swings at 1 Hz, sampled at 25 Hz, would seem to accelerate 0.5 % less than it
+/// does. A rate w whose axis turns adds dt^2/12 w x w_next to the turn of a step (coning: Savage, Strapdown Analytics, 2000,
+/// ch. 7). The covariance advances once per epoch of 40 ms, with the mean of the positions since then as its measurement, and
+/// the yaw of the AHRS as a weak one: its error is a bias and a slow wander. The tilt of the AHRS serves as the start only.
+/// beta takes the accelerometer bias along the vertical with it.
 /// The effect of the parameters of ipe_attitude_error_t on the state is carried exactly, by the filter's own F, K and H
 /// (Schmidt 1966, consider parameters): S <- F S + G, S <- (I - K H) S - K H_c. So an estimator that has them as states
 /// takes no information twice.
@@ -95,20 +96,20 @@ typedef struct {
     int n_positions;
     int n_refused_row;  ///< positions refused one after another, none further from the one before than a platform moves
     double refused[3];  ///< the last of them, W, m
-    int64_t refused_at_ns;              ///< and its row
-    int64_t refused_ns;                 ///< the first of them
-    ipe_motion_epoch_t* epoch;          ///< where a smoother reads them; NULL: none does
-    ipe_attitude_error_t error;         ///< as of the last epoch
+    int64_t refused_at_ns;         ///< and its row
+    int64_t refused_ns;            ///< the first of them
+    ipe_motion_epoch_t* epoch;     ///< where a smoother reads them; NULL: none does
+    ipe_attitude_error_t error;    ///< as of the last epoch
 
-    bool is_epoch_new;                  ///< the last row ended an epoch: epoch and spread are new
-    ipe_attitude_error_t sensor_error;  ///< of the sensors' own attitude
+    bool is_epoch_new;             ///< the last row ended an epoch: epoch and spread are new
+    double std_wander;             ///< rad, of the sensors' own attitude
 
-    uint64_t n_rows;                    ///< rows handed on, with attitude, velocity and position
-    uint64_t n_carried;                 ///< of these: position carried on through a gap of the tracker
-    uint64_t n_no_position;             ///< rows with forces refused: no position, and none carried
-    uint64_t n_unsettled;               ///< rows refused: tilt not known yet
-    uint64_t n_positions_refused;       ///< positions refused: they contradict the motion
-    uint64_t n_starts;                  ///< starts of position and velocity: the first, and after gaps and jumps
+    uint64_t n_rows;               ///< rows handed on, with attitude, velocity and position
+    uint64_t n_carried;            ///< of these: position carried on through a gap of the tracker
+    uint64_t n_no_position;        ///< rows with forces refused: no position, and none carried
+    uint64_t n_unsettled;          ///< rows refused: tilt not known yet
+    uint64_t n_positions_refused;  ///< positions refused: they contradict the motion
+    uint64_t n_starts;             ///< starts of position and velocity: the first, and after gaps and jumps
     uint64_t n_epochs;
 } ipe_motion_stage_t;
 

@@ -18,6 +18,8 @@
 #define MEASURE_S 0.015625  // s over which intervals make a period: chosen as a clock's first block (clock.c)
 #define IRREGULAR_MAX 6     // intervals, chosen as most hosts need fewer; then the mean of IPE_SAMPLE_TIMING_HOLD is it
 #define GIVE_UP_S 1.0  // s without a sample in its place, chosen over a host's stalls: the period is measured again
+#define EARLY_S \
+    0.25  // s of early samples, chosen over a backlog that is read at once: more are a period that is too long
 #define COUNTED_LATE_S 2.0  // s: a counter is believed up to this lateness, chosen over a host's longest stalls
 
 void ipe_sample_timing_init(ipe_sample_timing_t* p)
@@ -83,6 +85,7 @@ static int measure(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_ns)
 static int measure_again(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_ns)
 {
     ++p->n_restarts;
+    p->n_early = 0;
     (void)settle(p, 0);
     p->period = 0.0;
     return measure(p, clock, host_ns);
@@ -146,6 +149,10 @@ int ipe_sample_timing_push(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t h
     if (late < -ON_LINE * p->period) {
         const uint64_t found = (uint64_t)round(-late / p->period);
         p->n_lost -= found < p->n_lost ? found : p->n_lost;
+        if (++p->n_early >= AGREE && p->n_early * p->period > EARLY_S) {
+            --p->n_waiting;  // this one is the first of the new period
+            return measure_again(p, clock, host_ns);
+        }
         return start_again(p, clock, host_ns, 1);
     }
     if (n == 0) {
@@ -157,6 +164,7 @@ int ipe_sample_timing_push(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t h
         if (p->n_missing > COUNTABLE) { return start_again(p, clock, host_ns, n); }
     }
     p->index += ahead;
+    if (p->period * (double)p->index > 2.0 * LINE_S) { p->n_early = 0; }
     (void)ipe_clock_map(clock, p->period * (double)p->index, host_ns);
     return settle(p, n);
 }

@@ -9,6 +9,7 @@
 ///                                                         or where more are lost meanwhile
 ///   a stamp is before its line                            fewer were lost than that
 ///   neither within 1 s and 64 samples                     the sensor changed its period or phase: measured again
+///   stamps are before their line again and again          the period was measured over lost samples: measured again
 /// A sample whose instant cannot be determined is dropped and counted. 120 B of state beside the clock, one thread.
 #ifndef IPE_SAMPLE_TIMING_H
 #define IPE_SAMPLE_TIMING_H
@@ -26,6 +27,7 @@ typedef struct {
     int n_agree;          ///< of these so many are late by just that;
     int last_missing;     ///< the same for the newest of all,
     int n_same;           ///< and so many in a row, up to it, that are late by more than n_missing
+    int n_early;          ///< samples before their line, since it has held for a second
     int64_t first_ns;     ///< while the period is measured: stamp of the first one waiting,
     int64_t last_ns;      ///< and of the last one
     int n_irregular;      ///< intervals that did not fit,

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Control: time of a motion in closed loop, with and without the daemon, and of a reading of the gate from Python; from
-publishing an ESTIMATE to a control thread that has its parameters.
+"""Control: time of a motion in closed loop, with and without the daemon; of a reading of the gate from Python; from an
+ESTIMATE's publication to a control thread that has its parameters; of readings at 1 kHz beside threads that compute.
+
+On a machine that does other work, `chrt -f 50 make bench T=control` shows what an idle one would.
 """
 
+import os
 import subprocess
 import time
 from dataclasses import replace
@@ -16,6 +19,14 @@ from inertiad_core import ParameterGate
 ROBOT = Path("firmware/robots/cogiro/robot.toml")
 READS = 100_000
 URL, SECONDS = "udpm://239.255.76.67:7667?ttl=0", 60
+
+
+def hand_over(n_busy: int) -> list[str]:
+    """Lines of hand_over.cpp in words."""
+    command = ["build/test/bench/hand_over", URL, str(SECONDS), str(n_busy)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    rows = [line.split() for line in done.stdout.splitlines()]
+    return [f"{n} times, p50 {p50}, p99 {p99}, p99.9 {p999}, longest {most}" for n, p50, p99, p999, most in rows]
 
 
 def main() -> None:
@@ -36,10 +47,11 @@ def main() -> None:
     for k in range(READS):
         gate.read(k)
     print(f"gate: read from Python {1e6 * (time.perf_counter() - start) / READS:.2f} us")
-    command = ["build/test/bench/hand_over", URL, str(SECONDS)]
-    n, *us = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    p50, p99, p999, longest = us
-    print(f"hand-over: {n} estimates, p50 {p50}, p99 {p99}, p99.9 {p999}, longest {longest} us until usable")
+    print(f"hand-over: {hand_over(0)[0]} us until usable")
+    n_busy = os.cpu_count() or 1
+    took, late = hand_over(n_busy)
+    print(f"control thread of 1 kHz beside {n_busy} threads that compute: reading takes {took} us")
+    print(f"  and begins late, by {late} us: that is the scheduler's part")
 
 
 if __name__ == "__main__":

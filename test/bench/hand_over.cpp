@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// From the publication of an ESTIMATE to parameters that a control thread can use:
-///   hand_over LCM_URL SECONDS
-/// One thread publishes at 50 Hz, one receives and offers to the gate, one reads the gate without pause, as a control loop of
-/// infinite rate. Prints "n p50 p99 p99.9 longest" in us. A loop of 1 kHz adds up to 1 ms of its own.
+///   hand_over LCM_URL SECONDS BUSY
+/// One thread publishes at 50 Hz, one receives and offers to the gate. With BUSY 0 a third reads the gate every 20 us. Printed is
+/// the time from publishing until it has the parameters; a loop of 1 kHz adds up to 1 ms of its own. With BUSY of 1 or more as
+/// many threads do nothing but compute, and the third reads at 1 kHz. Printed is how long each reading takes, and how late it
+/// begins. Lines: "n p50 p99 p99.9 longest" in us.
 #include <inertiad/estimates.hpp>
 #include <inertiad/parameter_gate.hpp>
 
@@ -20,6 +22,8 @@ namespace {
 
 using namespace std::chrono;
 constexpr milliseconds PERIOD{20};
+constexpr milliseconds CONTROL_PERIOD{1};
+constexpr microseconds POLL{20};
 
 std::int64_t now_ns()
 {
@@ -68,47 +72,110 @@ private:
     std::array<double, SYSTEMATIC> value_{};
 };
 
+void print(std::vector<std::int64_t> ns)
+{
+    if (ns.empty()) { throw std::runtime_error("nothing arrived"); }
+    std::sort(ns.begin(), ns.end());
+    const auto us = [&](double x) {
+        return 1e-3 * static_cast<double>(ns[static_cast<std::size_t>(x * static_cast<double>(ns.size() - 1))]);
+    };
+    std::printf("%zu %.2f %.2f %.2f %.2f\n", ns.size(), us(0.5), us(0.99), us(0.999), us(1.0));
+}
+
+/// Publishes n estimates to a gate that a thread of its own fills, and another reads.
+class Bench {
+public:
+    Bench(const char* url, std::size_t n) : url_(url), sent_(n + 1), used_(n + 1), gate_(nominal()) {}
+
+    void run(int n_busy)
+    {
+        inertiad::Estimates estimates(url_, "BENCH_");
+        std::thread receiver([&] { receive(estimates); });
+        std::thread control([&] { n_busy > 0 ? read_at_rate() : read_often(); });
+        std::vector<std::thread> busy;
+        for (int i = 0; i < n_busy; ++i) {
+            busy.emplace_back([&] { compute(); });
+        }
+        publish();
+        is_over_ = true;
+        receiver.join();
+        control.join();
+        for (std::thread& thread : busy) { thread.join(); }
+        if (n_busy > 0) {
+            print(took_);
+            print(late_);
+            return;
+        }
+        std::vector<std::int64_t> until;
+        for (std::size_t k = 1; k < sent_.size(); ++k) {
+            if (used_[k] != 0) { until.push_back(used_[k] - sent_[k]); }
+        }
+        print(until);
+    }
+
+private:
+    void publish()
+    {
+        Publisher publisher(url_);
+        std::this_thread::sleep_for(milliseconds(200));
+        for (std::size_t k = 1; k < sent_.size(); ++k) {
+            sent_[k] = publisher.send(static_cast<std::int64_t>(k));
+            std::this_thread::sleep_for(PERIOD);
+        }
+    }
+
+    void receive(inertiad::Estimates& estimates)
+    {
+        for (int seen = 0; !is_over_;) {
+            if (!estimates.handle(100) || estimates.count() == seen) { continue; }
+            seen = estimates.count();
+            (void)gate_.offer(estimates.newest(), now_ns());
+        }
+    }
+
+    void read_often()
+    {
+        for (std::int64_t last = -1; !is_over_;) {
+            const std::int64_t now = now_ns(), sequence = gate_.read(now).sequence;
+            if (sequence != last) { used_[static_cast<std::size_t>(sequence)] = now_ns(); }
+            last = sequence;
+            std::this_thread::sleep_for(POLL);
+        }
+    }
+
+    void read_at_rate()
+    {
+        took_.reserve(sent_.size() * static_cast<std::size_t>(PERIOD / CONTROL_PERIOD + 1));
+        late_.reserve(took_.capacity());
+        for (auto due = steady_clock::now(); !is_over_; due += CONTROL_PERIOD) {
+            std::this_thread::sleep_until(due);
+            const auto begin = steady_clock::now();
+            mass_ = gate_.read(now_ns()).theta[0];
+            took_.push_back(duration_cast<nanoseconds>(steady_clock::now() - begin).count());
+            late_.push_back(duration_cast<nanoseconds>(begin - due).count());
+        }
+    }
+
+    void compute() const
+    {
+        volatile double x = 1.0;
+        while (!is_over_) { x = x * 1.0000001; }
+    }
+
+    const char* url_;
+    std::vector<std::int64_t> sent_, used_, took_, late_;  ///< ns
+    inertiad::ParameterGate gate_;
+    std::atomic<bool> is_over_{false};
+    volatile double mass_ = 0.0;
+};
+
 }  // namespace
 
 int main(int argc, char** argv)
 try {
-    if (argc != 3) { throw std::invalid_argument("usage: hand_over LCM_URL SECONDS"); }
+    if (argc != 4) { throw std::invalid_argument("usage: hand_over LCM_URL SECONDS BUSY"); }
     const auto n = static_cast<std::size_t>(std::atof(argv[2]) / duration<double>(PERIOD).count());
-    std::vector<std::int64_t> sent(n + 1), used(n + 1);
-    std::atomic<bool> is_over{false};
-    inertiad::ParameterGate gate(nominal());
-    inertiad::Estimates estimates(argv[1], "BENCH_");
-    std::thread receiver([&] {
-        for (int seen = 0; !is_over;) {
-            if (!estimates.handle(100) || estimates.count() == seen) { continue; }
-            seen = estimates.count();
-            (void)gate.offer(estimates.newest(), now_ns());
-        }
-    });
-    std::thread control([&] {
-        for (std::int64_t last = -1; !is_over;) {
-            const std::int64_t now = now_ns(), sequence = gate.read(now).sequence;
-            if (sequence != last) { used[static_cast<std::size_t>(sequence)] = now_ns(); }
-            last = sequence;
-        }
-    });
-    Publisher publisher(argv[1]);
-    std::this_thread::sleep_for(milliseconds(200));
-    for (std::size_t k = 1; k <= n; ++k) {
-        sent[k] = publisher.send(static_cast<std::int64_t>(k));
-        std::this_thread::sleep_for(PERIOD);
-    }
-    is_over = true;
-    receiver.join();
-    control.join();
-    std::vector<double> us;
-    for (std::size_t k = 1; k <= n; ++k) {
-        if (used[k] != 0) { us.push_back(1e-3 * static_cast<double>(used[k] - sent[k])); }
-    }
-    if (us.empty()) { throw std::runtime_error("nothing arrived"); }
-    std::sort(us.begin(), us.end());
-    const auto share = [&](double x) { return us[static_cast<std::size_t>(x * static_cast<double>(us.size() - 1))]; };
-    std::printf("%zu %.0f %.0f %.0f %.0f\n", us.size(), share(0.5), share(0.99), share(0.999), us.back());
+    Bench(argv[1], n).run(std::atoi(argv[3]));
     return 0;
 } catch (const std::exception& e) {
     std::fprintf(stderr, "hand_over: %s\n", e.what());

@@ -108,6 +108,17 @@ def test_announced_payload_shortens_the_transient_and_a_wrong_one_does_no_harm(t
 
 
 @pytest.mark.slow
+def test_payload_announced_before_the_noise_is_learnt_is_followed(tmp_path):
+    found = trial(tmp_path, "live", payload=("70@4",), announce=(request.AS_IT_IS,))
+    wanted, _ = request.request_of(ROBOT, words(tmp_path, payload=("70@4",), announce=(request.AS_IT_IS,)))
+    trace = closed_loop.control(replace(found, announced=wanted.announced))
+    without = closed_loop.control(replace(found, arm="nominal"))
+    assert any(text == "inertiad: expect: the announced payload is taken" for _, text in trace.told), trace.told
+    assert rms_from(trace, 4.5) < rms_from(without, 4.5) / 8.0
+    assert trace.theta[-1, 0] == pytest.approx(161.0, rel=0.01)
+
+
+@pytest.mark.slow
 def test_announced_payload_that_never_comes_changes_no_bit(live, tmp_path):
     again = closed_loop.control(replace(trial(tmp_path, "live"), announced=(Payload(9.5, 0.5 * THETA),)))
     assert again.error.tobytes() == live.error.tobytes()
@@ -144,7 +155,13 @@ def test_daemon_that_dies_leaves_the_last_good_parameters(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("preset", "said"), [("blind", "position: lost"), ("stuck", "stuck at"), ("silent", "force: lost")]
+    ("preset", "said"),
+    [
+        ("blind", "position: lost, silent for"),
+        ("stuck", "stuck at"),
+        ("silent", "force: lost, silent for"),
+        ("late", "although its frames arrive"),
+    ],
 )
 def test_lost_sensors_are_told_and_the_loop_goes_on(preset, said, tmp_path):
     trace = closed_loop.control(trial(tmp_path, "live", faults=preset))

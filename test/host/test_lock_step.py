@@ -76,7 +76,7 @@ def test_lines_of_no_use_among_others_are_counted_by_cause(config: Path) -> None
     for reason in ("is too long", 'is no "position T_NS X Y Z"', "no host time", "can0 to can7", "does not begin with"):
         assert reason in said
     assert done.stdout.count(b"INERTIAD_ANSWER") == 1
-    counted = dict(line.split()[1:3] for line in said.splitlines() if " lock_step." in line)
+    counted = dict(line.split()[1:3] for line in said.splitlines() if line.startswith("inertiad: lock_step."))
     assert counted == {
         **{"lock_step.lines": "7", "lock_step.answers": "1", "lock_step.too_long": "1", "lock_step.cut": "1"},
         **{"lock_step.bad_position": "1", "lock_step.bad_time": "1", "lock_step.bad_frame": "2"},

@@ -248,9 +248,31 @@ static void test_push_losses_on_a_loaded_bus_cost_few_samples_beside(void)
     TEST_ASSERT_LESS_THAN_INT(result.n_sent / 200, result.n_wrong);
 }
 
+/// The same, and a quarter of what the first 0.4 s bring is lost: the period is measured too long.
+static fate_t lossy_start(int k, double period)
+{
+    const fate_t fate = loaded_bus(k, period);
+    return (fate_t){fate.is_lost || (k * period < 0.4 && uniform(&seed) < 0.25), fate.late};
+}
+
+static void test_push_period_measured_over_lost_samples_is_measured_again(void)
+{
+    int n_right = 0;
+    for (uint64_t trial = 1; trial <= 20; ++trial) {
+        setUp();                                                            // given
+        seed = trial;
+        feed(0.001, 20.0, 10.0, false, lossy_start);                        // when
+        TEST_ASSERT_GREATER_OR_EQUAL_UINT64(1, pace.n_restarts);            // then
+        TEST_ASSERT_LESS_THAN_INT(result.n_sent * 3 / 20, result.n_wrong);  // not healed: a third
+        n_right += result.n_wrong < result.n_sent / 200;
+    }
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(14, n_right);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_push_period_measured_over_lost_samples_is_measured_again);
     RUN_TEST(test_push_busy_host_costs_few_samples);
     RUN_TEST(test_push_regular_samples_are_all_settled_near_their_instants);
     RUN_TEST(test_push_bursts_after_stalls_are_retimed_or_dropped);
