@@ -171,12 +171,12 @@ test-systemd: .venv/test.stamp vcan-runs
 test-asan: asan-programs
 	@$(PY) tools/test asan
 
-## Measure which lines of the core its unit tests and laws run; fails below 95 % (page: build/coverage/index.html)
+## Measure which lines of the core its unit tests and laws run; fails below 95 % of lines or 90 % of branches (page: build/coverage/index.html)
 coverage: .venv/coverage.stamp $(UNITY_DIR)/unity.c | $(GEN)
 	@$(MAKE) --no-print-directory B=build/coverage OPT='-O0 -g' SANITIZE=--coverage unit-programs
 	$(Q)find build/coverage -name '*.gcda' -delete
 	$(Q)for t in build/coverage/test/*/test_*; do [ ! -x $$t ] || $$t >$$t.txt || { cat $$t.txt; exit 1; }; done
-	$(Q)$(PY) -m gcovr --filter firmware/core/ --object-directory build/coverage --print-summary --fail-under-line 95 \
+	$(Q)$(PY) -m gcovr --filter firmware/core/ --object-directory build/coverage --print-summary --fail-under-line 95 --fail-under-branch 90 \
 	    --html-details build/coverage/index.html --sort uncovered-percent build/coverage
 
 unit-programs: $(UNIT)

@@ -20,7 +20,7 @@ from inertiad_lcm import tracker_t
 
 FD, TIMED = (TOP / "build/vcan" / name for name in ("robot_fd", "robot_timed"))
 ON_TIME = 0.3  # s, no position later than that: rows still wait for it
-ATTEMPTS = 3
+ATTEMPTS = 6
 
 
 def log_time(path: Path) -> float:
