@@ -10,6 +10,7 @@ from conftest import AFTER_IMU
 
 import inertiad_core
 from inertiad.base.error import InputError
+from inertiad.base.finding import Finding
 from inertiad.base.text_files import read_json
 from inertiad.identify import calibrate
 from inertiad.robot import description, systematic
@@ -80,6 +81,27 @@ def test_a_run_at_rest_tells_little_and_says_so(recordings: list[Recording]) -> 
     assert {"position_delay", "force_delay"} <= refused
     assert (found.xi[found.refused] == 0.0).all()
     assert "not observable" in calibrate.text(found)
+
+
+def test_a_low_pass_that_the_data_do_not_tell_is_not_told(recordings: list[Recording]) -> None:
+    found = _calibrated(recordings[:2], {})
+    at = systematic.group("force_lowpass", 8).part
+    assert found.prior_std[at] > 0.0
+    assert found.refused[at].all()
+    assert (found.xi[at] == 0.0).all()
+    assert found.std[at] == pytest.approx(found.prior_std[at])
+
+
+@pytest.mark.parametrize(("residual", "names"), [(15.0, []), (0.1, ["tracker_delay"])])
+def test_mistakes_are_judged_beside_the_joint_fit(
+    recordings: list[Recording], monkeypatch: pytest.MonkeyPatch, residual: float, names: list[str]
+) -> None:
+    """What leaves residual [N], much more than the joint fit of about 1 N, is no mistake."""
+    evidence = {"residual_without_N": residual, "residual_least_N": 0.1, "numbers": [0.2]}
+    late = Finding("tracker_delay", "stop", "the positions look late", "", evidence)
+    monkeypatch.setattr(calibrate.identification.mistake_fit, "find", lambda *_: [late])
+    found = _calibrated(recordings[:1], {})
+    assert [f.name for f in found.findings if f.name == "tracker_delay"] == names
 
 
 def test_the_file_takes_what_was_found_into_the_configuration(tmp_path: Path, recordings: list[Recording]) -> None:
