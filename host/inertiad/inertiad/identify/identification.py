@@ -296,7 +296,7 @@ def joint(
         return Identification(None, ordered([*diagnose.diagnose(robot, recordings), _no_body(error)]), [], [])
     progress("look for mistakes")
     wrong = mistakes(robot, solved.recordings, solved.result, signals)
-    if not wrong:
+    if all(finding.severity != "stop" for finding in wrong):
         progress("look for changes")
         solved = _follow_drift(_follow_changes(robot, config, solved))
     segments = _segments(solved)
