@@ -216,6 +216,14 @@ def test_noise_that_the_attitude_follows_leaves_no_bias(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_the_attitudes_wander_is_no_misfit(tmp_path):
+    """Residuals that have the wander in them teach weights under which it is not followed."""
+    scene = next(s for s in SCENES if s.name == "declared-pick")
+    found = judge(Programs(TOP), laboratory.write(scene, "four", 73, tmp_path))["fit"]
+    assert found["verdict"] == "good" and found["worst_z"] < 3.5, found
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "faults"),
     [(DESK, {"lowpass": "bessel", "lowpass_hz": 8.0}), (HEXA, {"imu_off": 0.07})],

@@ -62,6 +62,20 @@ struct Out {
     double* data;
 };
 
+/// Of what was measured at each of some instants, [N, m]: has the cable's force sensor failed?
+template <class Measured>
+nb::ndarray<nb::numpy, bool> failed_sensors(const std::vector<Measured>& measured, int n_cables)
+{
+    const auto m = static_cast<std::size_t>(n_cables);
+    bool* data = new bool[measured.size() * m];
+    const nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<bool*>(p); });
+    for (std::size_t k = 0; k < measured.size(); ++k) {
+        for (std::size_t i = 0; i < m; ++i) { data[m * k + i] = (measured[k].unknown_force >> i & 1U) != 0; }
+    }
+    const std::size_t shape[]{measured.size(), m};
+    return {data, 2, shape, owner};
+}
+
 inline void require_rows(std::size_t n, std::size_t other, const char* name)
 {
     if (n != other) { throw std::invalid_argument(std::string(name) + ": needs as many rows as the first argument"); }

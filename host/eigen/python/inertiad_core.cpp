@@ -154,6 +154,8 @@ struct Windows {
         return out.release();
     }
 
+    nb::ndarray<nb::numpy, bool> has_failed() const { return failed_sensors(window, config.n_cables()); }
+
     nb::ndarray<nb::numpy, double> X(const inertiad::Theta& theta) const
     {
         const auto n_xi = static_cast<std::size_t>(ipe_systematic_count(config.n_cables()));
@@ -642,6 +644,8 @@ NB_MODULE(inertiad_core, m)
         .def_prop_ro("Y", &Windows::Y, nb::rv_policy::move, "[M,6,10]")
         .def_prop_ro("y", &Windows::y, nb::rv_policy::move, "[M,6]")
         .def_prop_ro("R", &Windows::R, nb::rv_policy::move, "[M,3,3] P to W in the windows' middles")
+        .def_prop_ro("has_failed", &Windows::has_failed, nb::rv_policy::move,
+                     "[M,m] bool: the cable's force sensor has failed within the window")
         .def("X", &Windows::X, "theta"_a, "[M,6,32+3m]");
     m.def(
         "systematic_std",

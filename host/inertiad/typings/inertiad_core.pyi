@@ -202,6 +202,10 @@ class Windows:
     def R(self) -> NDArray[numpy.float64]:
         """[M,3,3] P to W in the windows' middles"""
 
+    @property
+    def has_failed(self) -> NDArray[numpy.bool_]:
+        """[M,m] bool: the cable's force sensor has failed within the window"""
+
     def X(self, theta: Annotated[NDArray[numpy.float64], dict(shape=(10), order='C')]) -> NDArray[numpy.float64]:
         """[M,6,32+3m]"""
 
@@ -248,6 +252,10 @@ class Rows:
     @property
     def f(self) -> NDArray[numpy.float64]:
         """[N,m] N"""
+
+    @property
+    def has_failed(self) -> NDArray[numpy.bool_]:
+        """[N,m] bool: the cable's force sensor has failed, f is no measurement"""
 
     @property
     def derives_force(self) -> bool:

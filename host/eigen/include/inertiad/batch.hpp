@@ -45,10 +45,12 @@ struct NoBody : std::runtime_error {
 
 namespace detail {
 
-/// The problem at its minimum. Forces that are late by much more than stated have theirs beside the nearest one: where another
-/// delay leaves less, a second descent starts with it.
-inline Problem descend(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings,
-                       bool is_low_pass_free, BatchResult& result)
+constexpr double NOISE_FALLS = 0.5;  // product of all channels', to this share: chosen so that chance does not choose
+
+/// The problem at its nearest minimum, or at that beside it where another delay leaves less. Forces that are late by much more
+/// than stated have theirs there.
+inline Problem descend_from_delay(const Config& config, const std::vector<BatchRun>& runs,
+                                  const BatchSettings& settings, bool is_low_pass_free, BatchResult& result)
 {
     Problem near(config, runs, settings, is_low_pass_free), far(config, runs, settings, is_low_pass_free);
     Descent(near, settings).run(result);
@@ -60,6 +62,29 @@ inline Problem descend(const Config& config, const std::vector<BatchRun>& runs, 
     if (!there.is_converged || near.cost_at(far) > near.cost_at(near)) { return near; }
     result = there;
     return far;
+}
+
+/// Weights and the attitude's wander have two solutions at times: residuals that have the wander in them teach weights under
+/// which it is not followed. Where residuals last, a second descent looks for the solution that follows it. It is taken if its
+/// weights are smaller, or the first descent found none, and its residuals do not last.
+inline Problem descend(const Config& config, const std::vector<BatchRun>& runs, const BatchSettings& settings,
+                       bool is_low_pass_free, BatchResult& result)
+{
+    Problem first = descend_from_delay(config, runs, settings, is_low_pass_free, result);
+    if (!settings.is_weight_learnt || !first.has_lasting_residuals()) { return first; }
+    Problem second(config, runs, settings, is_low_pass_free);
+    BatchResult there{};
+    try {
+        second.start_as_if_wander_lasts(first);
+        Descent(second, settings).run(there);
+    } catch (const std::logic_error&) {
+        return first;
+    }
+    const bool is_sharper = second.log_noise() - first.log_noise() < std::log(NOISE_FALLS);
+    const bool is_followed = there.is_converged && !second.has_lasting_residuals();
+    if (!is_followed || (result.is_converged && !is_sharper)) { return first; }
+    result = there;
+    return second;
 }
 
 /// With a low-pass of the forces as an unknown where the data tell one. Elsewhere there is none, and what is not known of it is

@@ -339,6 +339,9 @@ void bind_batch(nb::module_& m)
             },
             nb::rv_policy::move, "[N,m] N")
         .def_prop_ro(
+            "has_failed", [](const Rows& r) { return failed_sensors(r.row, r.n_cables); }, nb::rv_policy::move,
+            "[N,m] bool: the cable's force sensor has failed, f is no measurement")
+        .def_prop_ro(
             "derives_force", [](const Rows& r) { return r.derived.force; },
             "True: acc comes from positions and attitude, derived.hpp")
         .def_prop_ro("derives_rate", [](const Rows& r) { return r.derived.rate; }, "True: gyro comes from attitude");

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 import inertiad_core
 from inertiad.base.body import NAMES, UNITS, Body, read_truth
@@ -322,8 +323,18 @@ class Validation:
     """N [m]: the same by the median, as rms of normal errors: near a singular pose that change has no bound"""
 
 
+def _without_failed(e: Array, W: Array, has_failed: NDArray[np.bool_]) -> Array:
+    """Residual wrenches [M, 6] without what the cables with failed sensors [M, m] may pull; W [M, 6, m]."""
+    left = e.copy()
+    for failed in np.unique(has_failed[has_failed.any(axis=1)], axis=0):
+        at = (has_failed == failed).all(axis=1)
+        pulled = W[at][:, :, failed]
+        left[at] -= np.einsum("kij,kjl,kl->ki", pulled, np.linalg.pinv(pulled), e[at])
+    return left
+
+
 def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
-    """Predict a run's measured wrench with the estimate's body and calibration."""
+    """Predict a run's measured wrench with the estimate's body and calibration; a failed sensor's cable has any force."""
     rows = run.rows
     if estimate.xi is not None:
         rows = inertiad_core.corrected_rows(config, rows, estimate.xi)
@@ -338,6 +349,7 @@ def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
         e = e + windows.X(theta)[:, :, linear] @ estimate.xi[linear]
     offsets = systematic.group("force_offset", run.robot.n_cables).part
     W = -windows.X(np.zeros(10))[:, :, offsets]
+    e = _without_failed(e, W, windows.has_failed)
     tension = np.einsum("kij,kj->ki", np.linalg.pinv(W), e)
     typical = NORMAL_BY_MEDIAN * np.median(np.abs(tension), axis=0)
     return Validation(run.path, np.sqrt((e**2).mean(0)), windows.y.std(axis=0), np.sqrt((tension**2).mean(0)), typical)

@@ -42,12 +42,14 @@ def _unusable(facts: Facts) -> Iterator[Finding]:
 
 
 def _is_broken(facts: Facts) -> bool:
-    return facts.force_check is not None and facts.force_check.broken is not None
+    """Do the others contradict a force sensor? One that the fit does without is among its own findings."""
+    is_left_out = any(finding.name == "broken_force_sensor" for finding in facts.found)
+    return facts.force_check is not None and facts.force_check.broken is not None and not is_left_out
 
 
 def _sensor(facts: Facts) -> Iterator[Finding]:
     check = facts.force_check
-    if check is None or check.broken is None:
+    if check is None or check.broken is None or not _is_broken(facts):
         return
     i = check.broken
     text = (

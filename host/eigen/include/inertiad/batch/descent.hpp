@@ -35,7 +35,12 @@ public:
 
     void run(BatchResult& result)
     {
-        first_step();
+        if (problem_.is_weight_known) {
+            pass_ = problem_.pass();
+            arrive(problem_.weighted(pass_), false);
+        } else {
+            first_step();
+        }
         int n_steps_under = 0;  // the present weights
         for (n_steps_ = 1; n_steps_ < settings_.n_steps_max; ++n_steps_) {
             const bool is_due = !is_settled() && n_steps_under >= STEPS_UNDER_WEIGHTS;

@@ -39,8 +39,10 @@ constexpr double BEND_OF_NOISE =  // variance of white noise's second difference
 constexpr double FORCE_DELAYS_TRIED[] = {-0.06, -0.03, 0.03,
                                          0.06,  0.1,   0.15};  // s: chosen so that a step leads from one to
                                                                // the next
-constexpr double FORCE_DELAY_WORTH = 16.0;                     // fall of the cost: four sigma
-constexpr double FORCE_DELAY_UNKNOWN = 1.0;                    // s, a prior sigma that says nothing
+constexpr double LASTING = 8.0;              // windows: healthy residuals, whose windows overlap, last for about one
+constexpr std::size_t N_OVERLAPPING = 4;     // windows, of a hop of a quarter
+constexpr double FORCE_DELAY_WORTH = 16.0;   // fall of the cost: four sigma
+constexpr double FORCE_DELAY_UNKNOWN = 1.0;  // s, a prior sigma that says nothing
 constexpr std::size_t WINDOWS_DRAWN = 4000;  // with noise: chosen so that its products are known to a fiftieth
 constexpr std::size_t DRAWS_MAX = 8;
 constexpr double GYRO_FLOOR = 1e-6;          // rad/s: chosen under the bias stability of any MEMS gyro
@@ -702,6 +704,40 @@ struct Problem {
         xi[IPE_XI_FORCE_DELAY] = delay;
         used_std[IPE_XI_FORCE_DELAY] = std::max(used_std[IPE_XI_FORCE_DELAY], std::abs(delay));
     }
+
+    /// Do residuals last longer than windows overlap?
+    bool has_lasting_residuals() const
+    {
+        return std::any_of(fit.begin(), fit.end(), [&](const BatchFit& of) {
+            return of.correlation_time > LASTING * config.c().window_length;
+        });
+    }
+
+    /// Start where another problem has ended, as if what lasts of its residuals were wander and none of it noise: their
+    /// weights are those of what changes from a window to the next that it does not overlap.
+    void start_as_if_wander_lasts(const Problem& other)
+    {
+        go_to(other.point());
+        used_std = other.used_std, V = other.V, is_weight_known = true;
+        const Pass p = pass();
+        Eigen::VectorXd to = log_std();
+        for (std::size_t r = 0; r < runs.size(); ++r) {
+            Column6 sum = Column6::Zero();
+            std::size_t n_changes = 0;
+            for (std::size_t k = N_OVERLAPPING; k < p.run[r].window.size(); ++k) {
+                if (!follows(p.run[r].window, k, N_OVERLAPPING)) { continue; }
+                sum += (p.measured[r].residual(k) - p.measured[r].residual(k - N_OVERLAPPING)).cwiseAbs2();
+                ++n_changes;
+            }
+            if (n_changes == 0) { continue; }
+            const Column6 variance = sum / (2.0 * static_cast<double>(n_changes));
+            of_run(to, r) = of_run(to, r).cwiseMin(0.5 * variance.array().max(1e-300).log().matrix());
+        }
+        set_log_std(to);
+    }
+
+    /// Logarithm of the product of the standard deviations of all channels of all runs.
+    double log_noise() const { return log_std().sum(); }
 
     /// Cost at another problem's point, under the weights and priors here.
     double cost_at(const Problem& other) const
