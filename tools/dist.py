@@ -205,4 +205,5 @@ if __name__ == "__main__":
     if kind not in ("tree", "dist") or not rest or (kind == "tree" and len(rest) > 1):
         sys.exit("usage: tools/dist.py tree FOLDER | dist FOLDER [ARCHITECTURE...]")
     set_epoch()
-    {"tree": tree, "dist": dist}[kind](Path(rest[0]).resolve(), *rest[1:])
+    folder = Path(rest[0]).resolve()
+    tree(folder) if kind == "tree" else dist(folder, *rest[1:])
