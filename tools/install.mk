@@ -62,8 +62,8 @@ MAN ?= $(R)/man
 $(R)/man/stamp: $(PROGRAMS) $(BINDING) tools/man.py $(wildcard host/inertiad/inertiad/cli/*.py) host/inertiad/inertiad/robot/keys.py
 	$(call say,man pages)$(PY) tools/man.py $(@D) && touch $@
 
-RELEASED_FIRMWARE := $(R)/system/inertiad $(addprefix $(R)/lib/,libinertiad.a libinertiad_lcm.a libinertiad.so.$(SOVERSION) \
-    libinertiad_lcm.so.$(SOVERSION))
+RELEASED_FIRMWARE := $(R)/system/inertiad $(addprefix $(R)/lib/,libinertiad.a libinertiad_lcm.a \
+    libinertiad.so.$(SOVERSION) libinertiad_lcm.so.$(SOVERSION))
 RELEASED := $(R)/prefix/inertiad $(R)/wheel/inertiad $(addprefix $(R)/python/,$(HOST_SO)) $(RELEASED_FIRMWARE)
 
 $(R)/tree.stamp: $(addprefix $(R)/python/,$(HOST_SO)) build/lib/inertiad_feed_forward.so $(GEN) tools/dist.py tools/notice.py LICENSE \
@@ -76,9 +76,9 @@ release: build $(RELEASED) $(R)/man/stamp $(R)/tree.stamp
 released:
 	@test -e $(R)/stamp || { echo 'make install copies what make release has built: run make release first' >&2; exit 2; }
 
-# Daemon and libraries once more, for Debian on another processor: by Debian's cross compiler, with the liblcm that such a
-# machine has. On arm64 itself they are the machine's own, and Ubuntu has arm64 in other places. make dist FOREIGN= leaves
-# them out.
+# Daemon and libraries once more, for Debian on another processor: by Debian's cross compiler, with the liblcm that such
+# a machine has. On arm64 itself they are the machine's own, and Ubuntu keeps arm64 in other places. make dist FOREIGN=
+# leaves them out.
 FOREIGN ?= $(if $(filter x86_64,$(shell uname -m)),$(shell grep -qs '^ID=debian' /etc/os-release && echo arm64))
 SYSROOT := build/arm64/sysroot
 SYSROOT_LIB := $(SYSROOT)/root/usr/lib/aarch64-linux-gnu
@@ -161,4 +161,5 @@ test-install: .venv/test.stamp dist
 dist: .venv/dist.stamp release $(addprefix release-,$(FOREIGN))
 	$(Q)$(PY) tools/dist.py dist $(B)/dist $(FOREIGN)
 
-.PHONY: release released release-arm64 release-firmware install install-daemon install-library install-tools uninstall dist test-install
+.PHONY: release-arm64 release-firmware
+.PHONY: release released install install-daemon install-library install-tools uninstall dist test-install

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Refuses commands that are not new, so that a log played again, or a datagram sent twice, changes nothing.
 ///
-/// A command is new if its stamp is within IPE_COMMAND_AGE_MAX of this host's clock, it was sent after the daemon began to
-/// listen, and its pair of sender and sequence was not accepted within that time. What was accepted before a restart is
-/// not known, so a command from before it may be a repeated one. 12 KB, caller-allocated, no heap, one thread; a pass over the table per command.
+/// A command is new if its stamp is within IPE_COMMAND_AGE_MAX of this host's clock, it was sent after the daemon began
+/// to listen, and its pair of sender and sequence was not accepted within that time. What was accepted before a restart
+/// is not known, so a command from before it may be a repeated one.
+/// 12 KB, caller-allocated, no heap, one thread; a pass over the table per command.
 #ifndef IPE_COMMAND_GUARD_H
 #define IPE_COMMAND_GUARD_H
 

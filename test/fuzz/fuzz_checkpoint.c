@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A checkpoint of a pipeline that has learnt. First byte: 0 patched with the right CRC, 1 patched, 2 cut at the place that
-// follows, 3 the rest of the input as the file. One that is loaded must run on.
+// A checkpoint of a pipeline that has learnt. First byte: 0 patched with the right CRC, 1 patched, 2 cut at the place
+// that follows, 3 the rest of the input as the file. One that is loaded must run on.
 //
-// A place is a field and a byte in it, i16, negative ones from the field's end. An input names a field by the lower half of
-// the CRC-32 of its name in FIELD below: what is in the corpus still means the same field when the state has another layout.
-// seeds.py reads the names here. A patch is a place and the 8 bytes that stand there from then on, to the field's end at most.
+// A place is a field and a byte in it, i16, negative ones from the field's end. An input names a field by the lower
+// half of the CRC-32 of its name in FIELDS: what is in the corpus means the same field in any layout of the state.
+// seeds.py reads the names here. A patch is a place and the 8 bytes that stand there from then on, to the field's end.
 #define _GNU_SOURCE  // memfd_create
 #include "checkpoint.h"
 #include "config_file.h"
