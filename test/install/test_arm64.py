@@ -50,7 +50,7 @@ def test_packages_depend_on_what_they_load():
     for name in NAMES:
         named = {a: {part.split()[0] for part in depends(name, a)} for a in ("arm64", "amd64")}
         assert named["arm64"] == named["amd64"]
-    assert run("dpkg-deb", "-f", newest("inertiad_*_arm64.deb"), "Recommends") == ""
+    assert "inertiad-tools" not in run("dpkg-deb", "-f", newest("inertiad_*_arm64.deb"))
 
 
 def estimates(record: Path) -> list[bytes]:
