@@ -299,7 +299,7 @@ lint: .venv/lint.stamp .venv/test.stamp build
 	$(Q).venv/bin/clang-tidy --quiet $(wildcard firmware/*/*.c) -- -std=gnu11 -DINERTIAD_VERSION='"$(VERSION)"' $(INCLUDE)
 	$(Q).venv/bin/ruff check -q --config host/inertiad/pyproject.toml $(PY_FILES)
 	$(Q).venv/bin/mypy --config-file host/inertiad/pyproject.toml host/inertiad/inertiad
-	$(Q)shellcheck tools/setup tools/unity tools/vcan tools/fuzz tools/inertiactl tools/mistakes .ci/run
+	$(Q)shellcheck -x tools/setup tools/unity tools/sysroot tools/vcan tools/fuzz tools/inertiactl tools/mistakes .ci/run
 
 ## Run what a change must pass: format-check, lint, test
 check: format-check lint test

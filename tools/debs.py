@@ -5,6 +5,8 @@ inertiad          the daemon, its service, example robots
 inertiad-tools    inertiactl with its Python packages, which no Debian release has in these versions
 libinertiad0      the core and the messages as shared libraries
 libinertiad-dev   headers, static libraries, pkg-config, CMake
+
+All but inertiad-tools, whose Python packages are this machine's, also for architectures that make has cross-built.
 """
 
 import datetime
@@ -13,7 +15,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,11 +76,29 @@ class Package(NamedTuple):
     scripts: tuple[tuple[str, str], ...] = ()
 
 
-def packages(version: str) -> list[Package]:
-    """All, in an order in which each pattern takes what is left."""
+class Machine(NamedTuple):
+    """What packages are built for."""
+
+    architecture: str
+    """Debian's name"""
+    sysroot: Path | None = None
+    """of another machine than this one: what tools/sysroot fetched"""
+
+    @property
+    def parts(self) -> Path:
+        """Where the packages' trees are made."""
+        return RELEASE / "deb" / self.architecture
+
+    def triplet(self, run: Callable[..., str]) -> str:
+        """Its name among library folders."""
+        return run("dpkg-architecture", f"-a{self.architecture}", "-qDEB_HOST_MULTIARCH").strip()
+
+
+def packages(version: str, has_tools: bool) -> list[Package]:
+    """All, or all but the host tools, in an order in which each pattern takes what is left."""
     minor = sys.version_info[1]
     same = f"(= {version})"
-    return [
+    tools = [
         Package(
             "inertiad-tools",
             "science",
@@ -100,6 +120,9 @@ def packages(version: str) -> list[Package]:
             f"inertiad {same}",
             (("postinst", COMPILE), ("prerm", CLEAN)),
         ),
+    ]
+    return [
+        *(tools if has_tools else []),
         Package(
             "libinertiad-dev",
             "libdevel",
@@ -130,18 +153,20 @@ def packages(version: str) -> list[Package]:
             "calibrated uncertainty while it moves.",
             ("bin", "lib", "share"),
             (),
-            f"inertiad-tools {same}",
+            f"inertiad-tools {same}" if has_tools else "",
             (("postinst", POSTINST), ("prerm", PRERM)),
         ),
     ]
 
 
-def _install(root: Path, run: Callable[..., str]) -> str:
-    """Everything below root; the machine's name among library folders."""
-    triplet = run("dpkg-architecture", "-qDEB_HOST_MULTIARCH").strip()
-    options = (f"DESTDIR={root}", "PREFIX=/usr", f"LIBDIR=/usr/lib/{triplet}", "KIND=system", "BYTECODE=no")
-    run("make", "-s", "install", *options, "SYSTEM_PYTHON=/usr/bin/python3")
-    return triplet
+def _install(root: Path, machine: Machine, run: Callable[..., str]) -> None:
+    """Everything that was built for the machine, below root."""
+    options = (f"DESTDIR={root}", "PREFIX=/usr", f"LIBDIR=/usr/lib/{machine.triplet(run)}", "KIND=system")
+    if machine.sysroot is None:
+        run("make", "-s", "install", *options, "BYTECODE=no", "SYSTEM_PYTHON=/usr/bin/python3")
+    else:
+        built = (f"B=build/{machine.architecture}", f"MAN={RELEASE}/man")
+        run("make", "-s", "install-daemon", "install-library", *options, *built)
 
 
 def _take(patterns: tuple[str, ...], usr: Path, root: Path) -> None:
@@ -176,17 +201,21 @@ def _documents(root: Path, name: str, version: str, epoch: int) -> None:
     target.write_text(OVERRIDES.replace("NAME", name) + (own.read_text() if own.exists() else ""))
 
 
-def _libraries(root: Path, name: str) -> list[str]:
-    """Packages whose libraries the programs load, by dpkg-shlibdeps; those of bundled Python packages need no newer."""
+def _libraries(root: Path, name: str, machine: Machine) -> list[str]:
+    """Packages whose libraries the programs load, by dpkg-shlibdeps; those of bundled Python packages need no newer.
+
+    Libraries of another architecture are found below debian/ of its sysroot, as those of packages that are being built.
+    """
     own = [p for p in sorted(root.rglob("*")) if p.is_file() and not p.is_symlink() and _is_own_elf(p)]
     if not own:
         return []
-    work = RELEASE / "shlibdeps"
+    work = machine.sysroot or RELEASE / "shlibdeps"
     (work / "debian").mkdir(parents=True, exist_ok=True)
     (work / "debian/control").write_text(f"Source: inertiad\n\nPackage: {name}\nArchitecture: any\n")
     (work / "debian/shlibs.local").write_text("libinertiad 0 libinertiad0\nlibinertiad_lcm 0 libinertiad0\n")
     command = ["dpkg-shlibdeps", "-O", "--ignore-missing-info", f"-x{name}", *map(str, own)]
-    done = subprocess.run(command, cwd=work, capture_output=True, text=True)
+    host = {**os.environ, "DEB_HOST_ARCH": machine.architecture}
+    done = subprocess.run(command, cwd=work, env=host, capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"dpkg-shlibdeps: {name}: {done.stderr}")
     return done.stdout.strip().removeprefix("shlibs:Depends=").split(", ")
@@ -199,15 +228,15 @@ def _is_own_elf(path: Path) -> bool:
         return file.read(4) == b"\x7fELF"
 
 
-def _control(package: Package, root: Path, version: str, architecture: str) -> None:
+def _control(package: Package, root: Path, version: str, machine: Machine) -> None:
     folder = root / "DEBIAN"
     folder.mkdir()
     size = sum(p.lstat().st_size for p in root.rglob("*") if p.is_file()) // 1024
-    depends = ", ".join([*package.depends, *_libraries(root, package.name)])
+    depends = ", ".join([*package.depends, *_libraries(root, package.name, machine)])
     lines = [
         f"Package: {package.name}",
         f"Version: {version}",
-        f"Architecture: {architecture}",
+        f"Architecture: {machine.architecture}",
         f"Maintainer: {MAINTAINER}",
         f"Installed-Size: {size}",
         *([f"Depends: {depends}"] if depends else []),
@@ -233,22 +262,28 @@ def _control(package: Package, root: Path, version: str, architecture: str) -> N
     (folder / "md5sums").write_bytes(sums.stdout)
 
 
-def build(out: Path, version: str, epoch: int, run: Callable[..., str]) -> None:
-    """All packages into out."""
-    version = f"{version}-1"
-    whole, parts = RELEASE / "deb/all", RELEASE / "deb"
-    shutil.rmtree(parts, ignore_errors=True)
-    _install(whole, run)
-    architecture = run("dpkg", "--print-architecture").strip()
-    for package in packages(version):
-        root = parts / package.name
+def _build_for(machine: Machine, out: Path, version: str, epoch: int, run: Callable[..., str]) -> None:
+    """All packages for one machine into out."""
+    whole = machine.parts / "all"
+    _install(whole, machine, run)
+    for package in packages(version, has_tools=machine.sysroot is None):
+        root = machine.parts / package.name
         _take(package.files, whole / "usr", root)
         _documents(root, package.name, version, epoch)
-        _control(package, root, version, architecture)
-        path = out / f"{package.name}_{version}_{architecture}.deb"
+        _control(package, root, version, machine)
+        path = out / f"{package.name}_{version}_{machine.architecture}.deb"
         for part in root.rglob("*"):
             os.utime(part, (epoch, epoch), follow_symlinks=False)
         run("dpkg-deb", "--root-owner-group", "-Zxz", "-z1", "--threads-max=1", "--build", root, path)
     left = [p for p in whole.rglob("*") if p.is_file()]
     if left:
         sys.exit(f"dist: in no package: {', '.join(str(p.relative_to(whole)) for p in left)}")
+
+
+def build(out: Path, version: str, epoch: int, run: Callable[..., str], foreign: Sequence[str] = ()) -> None:
+    """All packages into out, for this machine and for the foreign architectures that make has built."""
+    shutil.rmtree(RELEASE / "deb", ignore_errors=True)
+    machines = [Machine(run("dpkg", "--print-architecture").strip())]
+    machines += [Machine(name, TOP / "build" / name / "sysroot") for name in foreign]
+    for machine in machines:
+        _build_for(machine, out, f"{version}-1", epoch, run)

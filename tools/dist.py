@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Build what others install:  tools/dist.py tree FOLDER | dist FOLDER
+"""Build what others install:  tools/dist.py tree FOLDER | dist FOLDER [ARCHITECTURE...]
 
 tree  the Python packages of the host tool into FOLDER, which make install copies: dependencies without tests, the
       package, its bindings and message types
-dist  wheel, .debs, source archive, NOTICE, SBOM and SHA256SUMS into FOLDER; make has built the programs (build/release)
+dist  wheel, .debs, source archive, NOTICE, SBOM and SHA256SUMS into FOLDER; make has built the programs (build/release,
+      and build/ARCHITECTURE for .debs of that one)
 
 Every time stamp is that of the last commit (SOURCE_DATE_EPOCH), every order is sorted: the same commit and the same
 packages give the same bytes. The dependencies are those of .venv, which the tests ran with.
@@ -184,12 +185,12 @@ def write_sums(out: Path) -> None:
     (out / "SHA256SUMS").write_text("".join(lines))
 
 
-def dist(out: Path) -> None:
-    """All packages."""
+def dist(out: Path, *foreign: str) -> None:
+    """All packages; .debs also for the foreign architectures."""
     epoch = set_epoch()
     renew(out)
     wheel(out)
-    debs.build(out, VERSION, epoch, run)
+    debs.build(out, VERSION, epoch, run, foreign)
     source(out)
     (out / "NOTICE").write_text(notice.text(dependencies()))
     (out / f"inertiad-{VERSION}.cdx.json").write_text(notice.sbom(dependencies(), VERSION, epoch))
@@ -200,7 +201,9 @@ def dist(out: Path) -> None:
 
 if __name__ == "__main__":
     os.umask(0o022)
-    if len(sys.argv) != 3 or sys.argv[1] not in ("tree", "dist"):
-        sys.exit("usage: tools/dist.py tree|dist FOLDER")
+    kind, *rest = sys.argv[1:] or [""]
+    if kind not in ("tree", "dist") or not rest or (kind == "tree" and len(rest) > 1):
+        sys.exit("usage: tools/dist.py tree FOLDER | dist FOLDER [ARCHITECTURE...]")
     set_epoch()
-    {"tree": tree, "dist": dist}[sys.argv[1]](Path(sys.argv[2]).resolve())
+    folder = Path(rest[0]).resolve()
+    tree(folder) if kind == "tree" else dist(folder, *rest[1:])

@@ -58,11 +58,13 @@ $(R)/python/%.so: $(B)/obj/host/eigen/python/%.o $(B)/obj/nanobind.o $(B)/lib/li
 	$(call say,ld  $@)$(CXX) -shared $(SHIPPED) -Wl,-rpath,'$$ORIGIN/lib' $(filter %.o,$^) $(RELEASED_LIBS) \
 	    -Wl,--exclude-libs,ALL -o $@
 
+MAN ?= $(R)/man
 $(R)/man/stamp: $(PROGRAMS) $(BINDING) tools/man.py $(wildcard host/inertiad/inertiad/cli/*.py) host/inertiad/inertiad/robot/keys.py
 	$(call say,man pages)$(PY) tools/man.py $(@D) && touch $@
 
-RELEASED := $(R)/prefix/inertiad $(R)/wheel/inertiad $(R)/system/inertiad $(addprefix $(R)/python/,$(HOST_SO)) \
-    $(R)/lib/libinertiad.a $(R)/lib/libinertiad_lcm.a $(R)/lib/libinertiad.so.$(SOVERSION) $(R)/lib/libinertiad_lcm.so.$(SOVERSION)
+RELEASED_FIRMWARE := $(R)/system/inertiad $(addprefix $(R)/lib/,libinertiad.a libinertiad_lcm.a \
+    libinertiad.so.$(SOVERSION) libinertiad_lcm.so.$(SOVERSION))
+RELEASED := $(R)/prefix/inertiad $(R)/wheel/inertiad $(addprefix $(R)/python/,$(HOST_SO)) $(RELEASED_FIRMWARE)
 
 $(R)/tree.stamp: $(addprefix $(R)/python/,$(HOST_SO)) build/lib/inertiad_feed_forward.so $(GEN) tools/dist.py tools/notice.py LICENSE \
     $(shell find host/inertiad -type f ! -name '*.pyc') | .venv/run.stamp
@@ -73,6 +75,20 @@ release: build $(RELEASED) $(R)/man/stamp $(R)/tree.stamp
 	@touch $(R)/stamp
 released:
 	@test -e $(R)/stamp || { echo 'make install copies what make release has built: run make release first' >&2; exit 2; }
+
+# Daemon and libraries once more, for Debian on another processor: by Debian's cross compiler, with the liblcm that such
+# a machine has. On arm64 itself they are the machine's own, and Ubuntu keeps arm64 in other places. make dist FOREIGN=
+# leaves them out.
+FOREIGN ?= $(if $(filter x86_64,$(shell uname -m)),$(shell grep -qs '^ID=debian' /etc/os-release && echo arm64))
+SYSROOT := build/arm64/sysroot
+SYSROOT_LIB := $(SYSROOT)/root/usr/lib/aarch64-linux-gnu
+$(SYSROOT)/stamp: tools/sysroot tools/private_apt.sh | .venv/dist.stamp
+	$(call say,fetch liblcm for arm64)tools/sysroot arm64 $(@D) libc6 liblcm1 && touch $@
+release-arm64: .venv/dist.stamp $(SYSROOT)/stamp $(GEN)
+	@$(MAKE) --no-print-directory B=build/arm64 CC=aarch64-linux-gnu-gcc AR=aarch64-linux-gnu-ar LD=aarch64-linux-gnu-ld \
+	    OBJCOPY=aarch64-linux-gnu-objcopy LCM='$(SYSROOT_LIB)/liblcm.so.1 -Wl,-rpath-link,$(SYSROOT_LIB)' release-firmware
+release-firmware: $(RELEASED_FIRMWARE)
+	@touch $(R)/stamp
 
 # Parts of an installation; each package of make dist takes some of them.
 put = install -D -m $(1) $(2) $(DESTDIR)$(3)
@@ -92,7 +108,7 @@ install-daemon: released
 	$(Q)$(call put,644,LICENSE,$(PREFIX)/share/doc/inertiad/LICENSE)
 	$(Q)install -d $(DESTDIR)$(PREFIX)/share/inertiad $(DESTDIR)$(PREFIX)/share/man/man8
 	$(Q)cp -rT --preserve=mode firmware/robots $(DESTDIR)$(PREFIX)/share/inertiad/robots
-	$(Q)cp $(R)/man/inertiad.8.gz $(DESTDIR)$(PREFIX)/share/man/man8/
+	$(Q)cp $(MAN)/inertiad.8.gz $(DESTDIR)$(PREFIX)/share/man/man8/
 
 install-library: released
 	$(Q)install -d $(DESTDIR)$(PREFIX)/include/inertiad/batch $(DESTDIR)$(LIBDIR)/pkgconfig $(DESTDIR)$(LIBDIR)/cmake/inertiad \
@@ -117,11 +133,11 @@ install-tools: released
 	$(Q)install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/share/man/man1 $(DESTDIR)$(PREFIX)/share/man/man5
 	$(Q)sed 's#@PYTHON@#$(SYSTEM_PYTHON)#' $(PACKAGING)/inertiactl.in >$(DESTDIR)$(PREFIX)/bin/inertiactl
 	$(Q)chmod 755 $(DESTDIR)$(PREFIX)/bin/inertiactl
-	$(Q)cp $(R)/man/*.1.gz $(DESTDIR)$(PREFIX)/share/man/man1/
-	$(Q)cp $(R)/man/*.5.gz $(DESTDIR)$(PREFIX)/share/man/man5/
-	$(Q)$(call put,644,$(R)/man/inertiactl.bash,$(PREFIX)/share/bash-completion/completions/inertiactl)
-	$(Q)$(call put,644,$(R)/man/inertiactl.zsh,$(PREFIX)/share/zsh/site-functions/_inertiactl)
-	$(Q)$(call put,644,$(R)/man/inertiactl.fish,$(PREFIX)/share/fish/vendor_completions.d/inertiactl.fish)
+	$(Q)cp $(MAN)/*.1.gz $(DESTDIR)$(PREFIX)/share/man/man1/
+	$(Q)cp $(MAN)/*.5.gz $(DESTDIR)$(PREFIX)/share/man/man5/
+	$(Q)$(call put,644,$(MAN)/inertiactl.bash,$(PREFIX)/share/bash-completion/completions/inertiactl)
+	$(Q)$(call put,644,$(MAN)/inertiactl.zsh,$(PREFIX)/share/zsh/site-functions/_inertiactl)
+	$(Q)$(call put,644,$(MAN)/inertiactl.fish,$(PREFIX)/share/fish/vendor_completions.d/inertiactl.fish)
 
 ## Copy what make release has built: daemon, host tools, library, documents (PREFIX=/usr/local DESTDIR=)
 install: install-daemon install-library install-tools
@@ -142,7 +158,8 @@ test-install: .venv/test.stamp dist
 	@$(PY) tools/test install
 
 ## Build packages into build/dist: wheel, .debs, source, SBOM, licences, checksums
-dist: .venv/dist.stamp release
-	$(Q)$(PY) tools/dist.py dist $(B)/dist
+dist: .venv/dist.stamp release $(addprefix release-,$(FOREIGN))
+	$(Q)$(PY) tools/dist.py dist $(B)/dist $(FOREIGN)
 
+.PHONY: release-arm64 release-firmware
 .PHONY: release released install install-daemon install-library install-tools uninstall dist test-install

@@ -188,10 +188,17 @@ static bool is_new(daemon_t* d, const ipe_command_t* command, answer_t* a)
     const int64_t now_ns = (int64_t)now.tv_sec * NS_PER_S + now.tv_nsec;
     const int limit = (int)(IPE_COMMAND_AGE_MAX / NS_PER_S);
     if (d->replay.is_lock_step) { return true; }  // its stamps are data time
-    switch (ipe_command_guard_check(&d->command_guard, command, now_ns)) {
+    const int64_t listened_ns = ipe_host_clock_now(&d->clock) - d->listening_ns;
+    switch (ipe_command_guard_check(&d->command_guard, command, now_ns, listened_ns)) {
     case IPE_COMMAND_OLD:
         d->n_commands_old++;
         *a = answer(false, "sent more than %d s ago by its time stamp; set the clocks of both hosts", limit);
+        return false;
+    case IPE_COMMAND_EARLY:
+        d->n_commands_old++;
+        *a =
+            answer(false, "sent before the daemon began to listen by its time stamp; send it again, and set the clocks "
+                          "of both hosts");
         return false;
     case IPE_COMMAND_AHEAD:
         d->n_commands_old++;

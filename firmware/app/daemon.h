@@ -54,8 +54,9 @@ typedef struct {
 
     ipe_replay_t replay;
     ipe_source_socketcan_t interface[IPE_BUSES_MAX];
-    unsigned n_interfaces;  ///< 0: recorded input
+    unsigned n_interfaces;              ///< 0: recorded input
     ipe_inbox_t inbox;
+    int64_t listening_ns;               ///< ipe_host_clock_now() when the inbox was opened
     ipe_command_guard_t command_guard;
     ipe_message_limit_t command_limit;  ///< of refusals on stderr
     ipe_pipeline_t pipelines[2];
@@ -83,15 +84,15 @@ typedef struct {
     bool was_health_sent;   ///< since the last tick
 
     health_carried_t carried;
-    uint64_t n_commands_done;                ///< commands carried out
-    uint64_t n_commands_refused;             ///< commands refused; the answer says why
-    uint64_t n_commands_old;                 ///< of the refused commands: not stamped with the present time
-    uint64_t n_commands_repeated;            ///< of the refused commands: carried out before
-    uint64_t n_positions_unused;             ///< TRACKER messages not used: the position comes from elsewhere
-    uint64_t n_frames_last;                  ///< taken in until the last tick
-    uint64_t n_frames_tick;                  ///< of them in the second before it
+    uint64_t n_commands_done;      ///< commands carried out
+    uint64_t n_commands_refused;   ///< commands refused; the answer says why
+    uint64_t n_commands_old;       ///< of the refused commands: not stamped with the present time, or before the start
+    uint64_t n_commands_repeated;  ///< of the refused commands: carried out before
+    uint64_t n_positions_unused;   ///< TRACKER messages not used: the position comes from elsewhere
+    uint64_t n_frames_last;        ///< taken in until the last tick
+    uint64_t n_frames_tick;        ///< of them in the second before it
     ipe_bus_state_t bus_state[IPE_BUSES_MAX];
-    unsigned n_state_events[IPE_BUSES_MAX];  ///< since the last tick
+    unsigned n_state_events[IPE_BUSES_MAX];                                         ///< since the last tick
     loss_t bus_loss[IPE_BUSES_MAX], record_loss, lcm_loss;
     loss_t foreign_commands, foreign_positions, other_positions, unused_positions;  ///< messages refused on arrival
     loss_t late[IPE_SENSOR_COUNT];                                                  ///< samples too late for the rows

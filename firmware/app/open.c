@@ -295,6 +295,7 @@ static int open_lcm(daemon_t* d)
         .tracker_from = is_tracker_remote ? IPE_INBOX_ORIGIN_NETWORK : IPE_INBOX_ORIGIN_HOST,
         .command_from = d->option.commands,
     };
+    d->listening_ns = ipe_host_clock_now(&d->clock);
     if (ipe_inbox_open(&d->inbox, &o, reason, sizeof reason) != 0) { return refuse_for_now(d, "--lcm", reason); }
     return 0;
 }

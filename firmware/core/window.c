@@ -15,7 +15,7 @@
 #define KERNEL_SQUARE (151.0 / 315.0)  // integral of the B-spline squared, quarters
 #define SLOPE_SQUARE (2.0 / 3.0)       // integral of its derivative squared, per quarter cubed
 
-static void set_period(ipe_window_t* x, double period)
+void ipe_window_set_period(ipe_window_t* x, double period)
 {
     const double quarter = fmax(MIN_QUARTER, round(0.25 * x->window_length / period));
     memset(&x->noise_density, 0, sizeof x->noise_density);
@@ -33,7 +33,7 @@ void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double 
     x->window_length = length;
     x->gap_permille = gap_permille;
     x->max_age = config->max_age[IPE_IMU];
-    if (period > 0.0) { set_period(x, period); }
+    if (period > 0.0) { ipe_window_set_period(x, period); }
 }
 
 void ipe_window_init(ipe_window_t* x, const ipe_config_t* config)
@@ -57,7 +57,7 @@ static void measure_period(ipe_window_t* x, double interval)
         sum += x->interval[i];
         ++n;
     }
-    set_period(x, sum / n);
+    ipe_window_set_period(x, sum / n);
 }
 
 static void remember(ipe_window_t* x, int64_t t_ns, const ipe_motion_t* motion, const ipe_wrench_t* wrench)

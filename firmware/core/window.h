@@ -104,6 +104,9 @@ void ipe_window_init(ipe_window_t* x, const ipe_config_t* config);
 void ipe_window_init_length(ipe_window_t* x, const ipe_config_t* config, double length, int gap_permille,
                             double period);
 
+/// Use a period between rows that was measured before, > 0, s; length and max_gap follow from it. No window is open.
+void ipe_window_set_period(ipe_window_t* x, double period);
+
 /// Throw the open windows away: rows to come do not fit those in them.
 void ipe_window_restart(ipe_window_t* x);
 

@@ -12,9 +12,10 @@
 #include <unistd.h>
 
 enum { COUNT_MAX = 1 << 30 };  // chosen over all counts of windows, and so that one that begins there stays an int
-enum { VERSION = 9, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
+enum { VERSION = 10, CRC_BYTES = 4, FILE_BYTES = sizeof(ipe_checkpoint_state_t) + CRC_BYTES };
 static const char MAGIC[8] = "ipe-chk";
-static const double GYRO_BIAS_MAX = 1.0;  // rad/s, as in a configuration
+static const double PERIOD_MIN = 1e-9, PERIOD_MAX = (double)IPE_SECONDS_MAX;  // s: stamps are whole ns
+static const double GYRO_BIAS_MAX = 1.0;                                      // rad/s, as in a configuration
 
 // ---- state ----------------------------------------------------------------------------------------------------------
 
@@ -28,17 +29,13 @@ static void take_state(const ipe_checkpoint_t* c, const ipe_pipeline_t* p, ipe_c
     s->estimator = p->estimator;
     memcpy(s->gyro_bias, p->config.gyro_bias, sizeof s->gyro_bias);
     s->period = p->window.period;
-    s->length = p->window.length;
-    s->max_gap = p->window.max_gap;
 }
 
 /// Time went by meanwhile: no window follows one from before.
 static void give_state(const ipe_checkpoint_state_t* s, ipe_pipeline_t* p)
 {
     ipe_pipeline_continue(p, &s->estimator, s->gyro_bias);
-    p->window.period = s->period;
-    p->window.length = s->length;
-    p->window.max_gap = s->max_gap;
+    ipe_window_set_period(&p->window, s->period);
 }
 
 /// What is read as a bool must be one.
@@ -72,7 +69,7 @@ static bool are_times(const int64_t* values, size_t n)
 static bool has_plausible_counts(const ipe_estimator_t* e)
 {
     const ipe_change_detector_t* d = &e->change_detector;
-    const int counts[] = {d->n_level,        d->n_contest,      d->n_restless,        d->n_calm,   d->n_steps,
+    const int counts[] = {d->n_level,        d->n_contest,      d->n_restless,        d->n_calm,  d->n_steps,
                           d->n_since_change, d->step.n_windows, e->pose_dwell.n_slow, e->n_delays};
     const int64_t times[] = {e->filter_states.t_ns, e->filter_states.drifted_ns, e->estimate.t_ns};
     return are_counts(counts, sizeof counts / sizeof counts[0]) &&
@@ -92,7 +89,7 @@ static bool is_plausible(const ipe_checkpoint_state_t* s, const ipe_pipeline_t* 
                 isfinite(e->change_detector.cusum) && isfinite(e->change_detector.level);
     for (int i = 0; i < IPE_NY; ++i) { good = good && e->noise.L[i][i] > 0.0 && isfinite(e->noise.L[i][i]); }
     for (int i = 0; i < 3; ++i) { good = good && fabs(s->gyro_bias[i]) <= GYRO_BIAS_MAX; }
-    return good && has_plausible_counts(e) && s->period > 0.0 && s->length > 0.0 && s->max_gap > 0.0;
+    return good && has_plausible_counts(e) && s->period >= PERIOD_MIN && s->period <= PERIOD_MAX;
 }
 
 // ---- file -----------------------------------------------------------------------------------------------------------

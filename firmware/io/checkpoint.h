@@ -20,12 +20,12 @@
 /// The file: this, then the CRC-32 of these bytes, both in the machine's own byte order.
 typedef struct {
     char magic[8];
-    uint32_t version;                ///< raised with every change of what follows
-    uint32_t size;                   ///< of this
-    uint64_t fingerprint;            ///< of the configuration
+    uint32_t version;      ///< raised with every change of what follows
+    uint32_t size;         ///< of this
+    uint64_t fingerprint;  ///< of the configuration
     ipe_estimator_t estimator;
-    double gyro_bias[3];             ///< as configured or tared, I axes, rad/s
-    double period, length, max_gap;  ///< of the window, s
+    double gyro_bias[3];   ///< as configured or tared, I axes, rad/s
+    double period;         ///< of the samples, s
 } ipe_checkpoint_state_t;
 
 typedef struct {

@@ -21,11 +21,13 @@ static bool is_known(const ipe_command_guard_t* g, const ipe_command_t* command)
     return false;
 }
 
-ipe_command_novelty_t ipe_command_guard_check(ipe_command_guard_t* g, const ipe_command_t* command, int64_t now_ns)
+ipe_command_novelty_t ipe_command_guard_check(ipe_command_guard_t* g, const ipe_command_t* command, int64_t now_ns,
+                                              int64_t listened_ns)
 {
     forget_old(g, now_ns - IPE_COMMAND_AGE_MAX);
     if (command->t_ns < now_ns - IPE_COMMAND_AGE_MAX) { return IPE_COMMAND_OLD; }
     if (command->t_ns > now_ns + IPE_COMMAND_AGE_MAX) { return IPE_COMMAND_AHEAD; }
+    if (command->t_ns < now_ns - listened_ns) { return IPE_COMMAND_EARLY; }
     if (is_known(g, command)) { return IPE_COMMAND_REPEATED; }
     if (g->n == IPE_COMMANDS_KEPT) { return IPE_COMMAND_TOO_MANY; }
     g->accepted[g->n].t_ns = command->t_ns;

@@ -5,10 +5,12 @@
 The other files there, found_*, were made up by libFuzzer: inputs that failed once, or that reach code of their own.
 """
 
+import re
 import struct
+import zlib
 from pathlib import Path
 
-CORPUS = Path(__file__).resolve().parent / "corpus"
+HERE = Path(__file__).resolve().parent
 
 CANDUMP = {
     "classical": "(1436509052.249713) can0 123#0011223344556677\n(1436509052.25) vcan1 12345678#00\n",
@@ -96,18 +98,63 @@ CONFIG = {
     "raw_zeros": b"\xff" + bytes(400),
 }
 
+FIELDS = re.findall(r"^ +FIELD\(([\w.]+)\),", (HERE / "fuzz_checkpoint.c").read_text(), re.M)
+"""names of the checkpoint's fields, which the target finds by offsetof: no place in the file is known here"""
+FILE, FILE_BAD_CRC, CUT, RAW_FILE = b"\0", b"\1", b"\2", b"\3"
+ONES = b"\xff" * 8
+
+
+def place(field: str, byte: int = 0) -> bytes:
+    """A byte of a field; negative: from its end."""
+    return struct.pack("<Hh", zlib.crc32(FIELDS[FIELDS.index(field)].encode()) & 0xFFFF, byte)
+
+
+def put(field: str, value: bytes, byte: int = 0) -> bytes:
+    """The field holds other bytes, 8 or as many as it has."""
+    return place(field, byte) + value[:8].ljust(8, b"\0")
+
+
+def flags(value: int) -> dict[str, bytes]:
+    """One flag each that is no bool."""
+    names = ("observable", "consistent", "is_misfit", "is_provisional")
+    return {
+        f"{name}_of_{value}": FILE + put(f"estimator.{path}", bytes([value]), -1)
+        for name, path in {
+            "has_patterns": "filter_states.has_patterns",
+            **{name: f"estimate.{name}" for name in names},
+        }.items()
+    }
+
+
+def numbers(value: float) -> dict[str, bytes]:
+    """Doubles, first and last of a field, that the reader may take as they are: then the estimator must bear them."""
+    names = ("rls.x", "rls.D", "rls.U", "noise.sum", "noise.L", "change_detector.level", "change_detector.cusum")
+    names += ("change_detector.contest_square", "change_detector.step.information", "pose_dwell.R", "force_delay")
+    names += ("misfit_score.before", "restored", "estimate.theta", "estimate.covariance", "estimate.body")
+    paths = [f"estimator.{name}" for name in names] + ["gyro_bias", "period"]
+    return {
+        f"{value:g}_in_{path.removeprefix('estimator.')}": FILE + put(path, f64(value)) + put(path, f64(value), -8)
+        for path in paths
+    }
+
+
 CHECKPOINT = {
-    "unchanged": b"\0",
-    "magic": b"\0" + patches((0, b"xxxxxxxx")),
-    "version": b"\0" + patches((8, struct.pack("<II", 99, 0))),
-    "fingerprint": b"\0" + patches((16, b"\xff" * 8)),
-    "wrong_bit": b"\1" + patches((4000, b"\1")),
-    **{f"ones_at_{at}": b"\0" + patches((at, b"\xff" * 8)) for at in range(24, 25000, 2500)},
-    "cut_at_0": b"\2\0\0",
-    "cut_at_magic": b"\2\5\0",
-    "cut_at_header": b"\2\x18\0",
-    "cut_in_the_middle": b"\2\0\x20",
-    "raw_magic": b"\3ipe-chk",
+    "unchanged": FILE,
+    "wrong_bit": FILE_BAD_CRC + put("estimator.rls.U", b"\1"),
+    **{f"ones_in_{path.removeprefix('estimator.')}": FILE + put(path, ONES) for path in FIELDS},
+    **{f"ones_at_the_end_of_{name}": FILE + put(f"estimator.{name}", ONES, -8) for name in ("rls.U", "noise.past")},
+    **flags(223),
+    **flags(2),
+    **numbers(0.0),
+    **numbers(-1.0),
+    **numbers(1e-300),
+    **numbers(1e300),
+    "cut_at_0": CUT + place("magic"),
+    "cut_in_magic": CUT + place("magic", 5),
+    "cut_at_fingerprint": CUT + place("fingerprint"),
+    "cut_in_the_middle": CUT + place("estimator.rls.U", -8),
+    "cut_in_crc": CUT + place("period", 10),
+    "raw_magic": RAW_FILE + b"ipe-chk",
 }
 
 RAW, CHANNEL_TRACKER, CHANNEL_COMMAND, TRACKER, COMMAND, CONFIGURE = range(6)
@@ -145,6 +192,7 @@ INBOX = {
     "all_kinds": b"".join(datagram(COMMAND, command_message(k, sequence=k)) for k in range(-1, 8)),
     "repeated": 3 * datagram(COMMAND, command_message(3)),
     "old_and_ahead": b"".join(datagram(COMMAND, command_message(3, t_ns=t)) for t in (0, -(2**63), 2**63 - 1)),
+    "from_before_the_start": datagram(COMMAND, command_message(3, t_ns=194_000_000_000)),
     "expect": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, 30.0, 1.0))),
     "expect_set_down": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, -30.0, 1.0))),
     "expect_nan": datagram(COMMAND, command_message(7, config=expectation_numbers(2 * 10**11, float("nan"), 1.0))),
@@ -245,12 +293,13 @@ ALL = {
 }
 
 
-def main() -> None:
+def write(corpus: Path) -> None:
+    """All inputs below corpus, one folder for each target; those of another name are left."""
     for target, inputs in ALL.items():
-        (CORPUS / target).mkdir(parents=True, exist_ok=True)
+        (corpus / target).mkdir(parents=True, exist_ok=True)
         for name, content in inputs.items():
-            (CORPUS / target / name).write_bytes(content.encode() if isinstance(content, str) else content)
+            (corpus / target / name).write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 if __name__ == "__main__":
-    main()
+    write(HERE / "corpus")

@@ -2,6 +2,7 @@
 """Who may command the daemon and send it positions: this host, once; a neighbour and a replayed log change nothing."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -81,6 +82,7 @@ def listen_for(condition, seconds=20.0):
 bus = lcm_network.connect(channels.DEFAULT_URL)
 bus.subscribe("INERTIAD_HEALTH", on_health)
 bus.subscribe("INERTIAD_EVENT", on_event)
+before_start = order(sequence=99)
 with subprocess.Popen(daemon_line, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as daemon:
     listen_for(lambda: counters)
     exec(script)
@@ -132,6 +134,16 @@ def test_a_replayed_log_changes_nothing(config):
     n = end["counters"]
     assert (n["command.done"], n["command.refused"], n["command.old"], n["command.repeated"]) == (1, 2, 1, 1)
     assert len(end["answers"]) == 2 and "reset refused: sent more than 10 s ago" in end["answers"][0]
+    assert end["answers"][1].startswith("reset done")
+
+
+def test_a_command_from_before_the_start_is_refused(config):
+    """A log of the last seconds, played again beside a daemon that has just been restarted."""
+    end = session(config, "link = local(); link.send(before_start); link.send(order())")
+    n = end["counters"]
+    assert (n["command.done"], n["command.refused"], n["command.old"]) == (1, 1, 1)
+    # on a machine that takes more than 10 s for the start it is too old besides
+    assert re.match(r"reset refused: sent (before the daemon began to listen|more than 10 s ago)", end["answers"][0])
     assert end["answers"][1].startswith("reset done")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import CLEAN, DIST, newest, run
 
+ARCHITECTURE = run("dpkg", "--print-architecture").strip()
 NAMES = ("libinertiad0", "libinertiad-dev", "inertiad", "inertiad-tools")
 
 
@@ -28,7 +29,7 @@ def root(tmp_path_factory) -> Path:
         (folder / "var/lib/dpkg" / name).mkdir(parents=True)
     for name in ("status", "available"):
         (folder / "var/lib/dpkg" / name).touch()
-    dpkg(folder, "--install", *(newest(f"{name}_*.deb") for name in NAMES))
+    dpkg(folder, "--install", *(newest(f"{name}_*_{ARCHITECTURE}.deb") for name in NAMES))
     return folder
 
 
@@ -42,7 +43,7 @@ def test_installed_programs_identify_a_run(root, simulated, tmp_path):
     truth = json.loads((simulated / "truth.json").read_text())
     assert json.loads(estimate.read_text())["mass"]["value"] == pytest.approx(truth["mass"], abs=2)
 
-    dpkg(root, "--install", newest("inertiad_*.deb"))  # an upgrade, with the checkpoint in place
+    dpkg(root, "--install", newest(f"inertiad_*_{ARCHITECTURE}.deb"))  # an upgrade, with the checkpoint in place
     run(*command, "--checkpoint", checkpoint, "--estimate", estimate)
 
 

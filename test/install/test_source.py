@@ -10,7 +10,10 @@ from pathlib import Path
 import pytest
 from conftest import TOP, newest
 
-BUILT = ("build/release/dependencies", "build/release/dependencies.txt", "build/release/python", "build/python")
+BUILT = (
+    *("build/release/dependencies", "build/release/dependencies.txt", "build/release/python", "build/python"),
+    "build/lib",
+)
 """of make release in this tree: building it again would take minutes and show nothing of the archive"""
 
 

@@ -192,7 +192,7 @@ static void test_inbox_returns_from_a_flood(void)
 static ipe_command_novelty_t check(ipe_command_guard_t* guard, int64_t sender_id, int64_t sequence, int64_t t_ns)
 {
     const ipe_command_t command = {.sender = sender_id, .sequence = sequence, .t_ns = t_ns};
-    return ipe_command_guard_check(guard, &command, INT64_C(1700000000000000000));
+    return ipe_command_guard_check(guard, &command, INT64_C(1700000000000000000), INT64_C(60000000000));
 }
 
 static void test_command_guard_takes_each_new_command_once(void)
@@ -212,7 +212,7 @@ static void test_command_guard_takes_each_new_command_once(void)
     }
     TEST_ASSERT_EQUAL(IPE_COMMAND_TOO_MANY, check(&guard, 5, 0, now));
     const ipe_command_t later = {.sender = 5, .t_ns = now + 20 * s};
-    TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, ipe_command_guard_check(&guard, &later, now + 20 * s));
+    TEST_ASSERT_EQUAL(IPE_COMMAND_NEW, ipe_command_guard_check(&guard, &later, now + 20 * s, 60 * s));
     TEST_ASSERT_EQUAL(1, guard.n);
 }
 
