@@ -334,7 +334,7 @@ def _without_failed(e: Array, W: Array, has_failed: NDArray[np.bool_]) -> Array:
 
 
 def validate(config: Any, estimate: Estimate, run: Recording) -> Validation:
-    """Predict a run's measured wrench with the estimate's body and calibration; a failed sensor's cable pulls at will."""
+    """Predict a run's measured wrench with the estimate's body and calibration. Failed force sensors are unknowns."""
     rows = run.rows
     if estimate.xi is not None:
         rows = inertiad_core.corrected_rows(config, rows, estimate.xi)
