@@ -17,6 +17,7 @@
 #define LINE_S 1.0          // s that a new line reaches back over: chosen so that some of its stamps are prompt
 #define MEASURE_S 0.015625  // s over which intervals make a period: chosen as a clock's first block (clock.c)
 #define IRREGULAR_MAX 6     // intervals, chosen as most hosts need fewer; then the mean of IPE_SAMPLE_TIMING_HOLD is it
+#define INTERVALS 1024      // that their mean is of: chosen so that stamps that scatter leave it 0.1 % off
 #define GIVE_UP_S 1.0  // s without a sample in its place, chosen over a host's stalls: the period is measured again
 #define EARLY_S \
     0.25  // s of early samples, chosen over a backlog that is read at once: more are a period that is too long
@@ -78,6 +79,8 @@ static int measure(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_ns)
     p->period = span / (p->n_waiting - 1);
     p->n_irregular = 0;
     p->prompt = PROMPT_0;
+    p->interval = (float)p->period;
+    p->n_intervals = p->n_waiting - 1;
     start_line(p, clock, host_ns, p->n_waiting - 1);
     return settle(p, p->n_waiting);
 }
@@ -89,6 +92,23 @@ static int measure_again(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t hos
     (void)settle(p, 0);
     p->period = 0.0;
     return measure(p, clock, host_ns);
+}
+
+/// The mean interval, without those over which a sample was lost. Short ones count: they make up for late ones.
+static void learn_interval(ipe_sample_timing_t* p, int64_t host_ns)
+{
+    const float interval = (float)seconds(p->last_ns, host_ns);
+    p->last_ns = host_ns;
+    if (interval >= (float)(1.0 + REGULAR) * p->interval) { return; }
+    p->n_intervals += p->n_intervals < INTERVALS;
+    p->interval += (interval - p->interval) / (float)p->n_intervals;
+}
+
+/// On a line that is too fast every sample is later than the one before, and soon one seems lost. Counting that one
+/// keeps the line too fast. Only the intervals tell.
+static bool is_too_fast(const ipe_sample_timing_t* p, const ipe_clock_t* clock)
+{
+    return p->period * clock->rate < (1.0 - PERIOD_ERROR) * (double)p->interval;
 }
 
 /// Number of late samples in a row that is not chance, on a host that stamps this share in time.
@@ -134,9 +154,19 @@ static int start_again(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_
     return settle(p, n);
 }
 
+/// The line was too fast: it starts anew at the newest sample, at the pace of the intervals. Older ones are dropped.
+static int pace_again(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_ns)
+{
+    ++p->n_restarts;
+    p->period = (double)p->interval;
+    start_line(p, clock, host_ns, (int)fmax(LINE_S / p->period, 1.0));
+    return settle(p, 1);
+}
+
 int ipe_sample_timing_push(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t host_ns, uint64_t step)
 {
     if (p->period == 0.0) { return measure(p, clock, host_ns); }
+    learn_interval(p, host_ns);
     uint64_t ahead = p->n_waiting == 0 && step > 0 ? step : (uint64_t)p->n_waiting + 1;
     const double late = seconds(ipe_clock_at(clock, p->period * (double)(p->index + ahead)), host_ns);
     const bool is_counted = step > 0 && late > -ON_LINE * p->period && late < COUNTED_LATE_S;
@@ -158,6 +188,7 @@ int ipe_sample_timing_push(ipe_sample_timing_t* p, ipe_clock_t* clock, int64_t h
     if (n == 0) {
         n = agreeing(p, late);
         if (n == 0) { return 0; }
+        if (is_too_fast(p, clock)) { return pace_again(p, clock, host_ns); }
         learn_prompt(p, n, p->n_agree);
         p->n_lost += (uint64_t)p->n_missing;
         ahead += (uint64_t)p->n_missing;

@@ -10,7 +10,9 @@
 ///   a stamp is before its line                            fewer were lost than that
 ///   neither within 1 s and 64 samples                     the sensor changed its period or phase: measured again
 ///   stamps are before their line again and again          the period was measured over lost samples: measured again
-/// A sample whose instant cannot be determined is dropped and counted. 120 B of state beside the clock, one thread.
+///   samples seem lost again and again, while intervals    the period is too short: the line starts anew with theirs
+///   between stamps are longer than the line's
+/// A sample whose instant cannot be determined is dropped and counted. 104 B of state beside the clock, one thread.
 #ifndef IPE_SAMPLE_TIMING_H
 #define IPE_SAMPLE_TIMING_H
 
@@ -22,6 +24,8 @@ typedef struct {
     uint64_t index;       ///< of the newest settled sample
     int n_waiting;        ///< newer samples, not settled; the newest IPE_SAMPLE_TIMING_HOLD of them are held
     float prompt;         ///< share of the last hundred or so that came within half a period of their time
+    float interval;       ///< s, mean of the stamps' intervals but for those over which a sample was lost,
+    int n_intervals;      ///< of so many
     int n_missing;        ///< lost samples that would explain how late the least late of the newest are,
     int n_since;          ///< so many of them,
     int n_agree;          ///< of these so many are late by just that;

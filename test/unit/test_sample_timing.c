@@ -269,9 +269,28 @@ static void test_push_period_measured_over_lost_samples_is_measured_again(void)
     TEST_ASSERT_GREATER_OR_EQUAL_INT(14, n_right);
 }
 
+/// One of a sample's two frames is lost more often, and the stamps lie evenly in their part of the period.
+static fate_t lossy_bus(int k, double period)
+{
+    (void)k;
+    return (fate_t){uniform(&seed) < 0.02, 0.55 * period * uniform(&seed)};
+}
+
+static void test_push_line_that_is_too_fast_is_paced_by_the_intervals(void)
+{
+    for (uint64_t trial = 1; trial <= 40; ++trial) {
+        setUp();                                                            // given
+        seed = trial;
+        feed(0.001, 30.0, 30.0, false, lossy_bus);                          // when
+        TEST_ASSERT_LESS_THAN_UINT64(result.n_sent / 8, pace.n_dropped);    // then: not healed, a quarter
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.001, pace.period * clock_.rate);  // 4 %
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_push_line_that_is_too_fast_is_paced_by_the_intervals);
     RUN_TEST(test_push_period_measured_over_lost_samples_is_measured_again);
     RUN_TEST(test_push_busy_host_costs_few_samples);
     RUN_TEST(test_push_regular_samples_are_all_settled_near_their_instants);
