@@ -105,10 +105,10 @@ static void learn_interval(ipe_sample_timing_t* p, int64_t host_ns)
 }
 
 /// On a line that is too fast every sample is later than the one before, and soon one seems lost. Counting that one
-/// keeps the line too fast. Only the intervals tell.
+/// keeps the line too fast. Only the intervals tell, once there are enough of them.
 static bool is_too_fast(const ipe_sample_timing_t* p, const ipe_clock_t* clock)
 {
-    return p->period * clock->rate < (1.0 - PERIOD_ERROR) * (double)p->interval;
+    return p->n_intervals == INTERVALS && p->period * clock->rate < (1.0 - PERIOD_ERROR) * (double)p->interval;
 }
 
 /// Number of late samples in a row that is not chance, on a host that stamps this share in time.
