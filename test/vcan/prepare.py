@@ -23,7 +23,7 @@ TOP = Path(__file__).resolve().parents[2]
 COGIRO = TOP / "firmware/robots/cogiro"
 RUNS = TOP / "build/vcan"
 TOOL = TOP / "build/bin/inertiactl"
-PATIENT = "\n[align]\nmax_wait = 2.0  # s: an emulated machine may take a while to send a position\n"
+PATIENT = "\n[align]\nmax_wait = 10.0  # s: an emulated machine may take a while to send a position\n"
 
 
 def write_swing(path: Path, duration: int) -> Path:

@@ -19,8 +19,8 @@ from daemon import BIN, CLASSICAL, PATIENCE, TOP, URL, daemon, run
 from inertiad_lcm import tracker_t
 
 FD, TIMED = (TOP / "build/vcan" / name for name in ("robot_fd", "robot_timed"))
-ON_TIME = 0.3  # s, no position later than that: rows still wait for it
-ATTEMPTS = 6
+ON_TIME = 8.0  # s, no position later than that: rows still wait for it
+ATTEMPTS = 3
 
 
 def log_time(path: Path) -> float:

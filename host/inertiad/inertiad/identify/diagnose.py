@@ -149,10 +149,12 @@ def _force_unit(robot: Robot, recordings: list[Recording]) -> list[str]:
     ]
 
 
-def _failed(run: Recording) -> list[str]:
-    """Force sensors without which the fit goes on."""
+def _failed(run: Recording, but: list[str]) -> list[str]:
+    """Force sensors without which the fit goes on, and of which nothing else is said."""
     rows, has_failed, found = run.rows, run.rows.has_failed, []
     for i in np.flatnonzero(has_failed.any(axis=0)):
+        if any(f"force sensor {i + 1} is" in said or f"cable {i + 1} is" in said for said in but):
+            continue
         at = rows.t[has_failed[:, i]] - rows.t[0]
         found.append(
             f"{run.path}: force sensor {i + 1} has failed for {100.0 * len(at) / len(rows):.0f} % of the time, "
@@ -162,13 +164,15 @@ def _failed(run: Recording) -> list[str]:
 
 
 def _slack(robot: Robot, run: Recording) -> list[str]:
+    """Cables that do not pull. A failed sensor that reads nothing shows none."""
     f, has_failed, found = run.rows.f, run.rows.has_failed, []
     for i, cable in enumerate(robot.cable):
-        is_slack = (f[:, i] < SLACK * cable.tension_min) & ~has_failed[:, i]
-        if cable.tension_min > 0.0 and is_slack.mean() > SLACK_SHARE:
+        is_slack = f[:, i] < SLACK * cable.tension_min
+        is_measured = is_slack & ~has_failed[:, i]
+        if cable.tension_min > 0.0 and is_measured.mean() > max(SLACK_SHARE, 0.5 * is_slack.mean()):
             found.append(
                 f"{run.path}: cable {i + 1} is slack for {100 * is_slack.mean():.0f} % of the time: "
-                f"{f[is_slack, i].min():.1f} N at least, tension_min is {cable.tension_min:g} N"
+                f"{f[:, i].min():.1f} N at least, tension_min is {cable.tension_min:g} N"
             )
     return found if len(found) < robot.n_cables else []
 
@@ -196,12 +200,9 @@ def _saturated(robot: Robot, run: Recording) -> list[str]:
     """A channel whose values pile up at the end of its own range while the platform moves, or that never changes.
 
     A slack cable's pile is its own, and one at the lower end of a cable that has a least tension is the controller's.
-    A force sensor that has failed is _failed()'s.
     """
-    rows, has_failed, found = run.rows, run.rows.has_failed.any(axis=0), []
-    channels = [
-        (f"force sensor {i + 1}", rows.f[:, i], c.tension_min) for i, c in enumerate(robot.cable) if not has_failed[i]
-    ]
+    rows, found = run.rows, []
+    channels = [(f"force sensor {i + 1}", rows.f[:, i], c.tension_min) for i, c in enumerate(robot.cable)]
     channels += [(f"accelerometer {a}", rows.acc[:, i], 0.0) for i, a in enumerate("xyz")]
     channels += [(f"gyro {a}", rows.gyro[:, i], 0.0) for i, a in enumerate("xyz")]
     moving = np.linalg.norm(rows.gyro, axis=1) > MOVING
@@ -249,9 +250,10 @@ def of_signals(robot: Robot, recordings: list[Recording]) -> list[Finding]:
         found += _findings("specific_force", _gravity(robot, run)) + _findings("gyro", _gyro_unit(run))
     unit = _findings("force_unit", _force_unit(robot, recordings))
     for run in recordings:
-        found += _findings("saturated_sensor", _saturated(robot, run), do=LOOK_AT_SENSOR)
-        found += _findings("broken_force_sensor", _failed(run), "care", LOOK_AT_SENSOR)
-        found += [] if unit else _findings("slack_cable", _slack(robot, run), "care", TAUT)
+        saturated, slack = _saturated(robot, run), [] if unit else _slack(robot, run)
+        found += _findings("saturated_sensor", saturated, do=LOOK_AT_SENSOR)
+        found += _findings("slack_cable", slack, "care", TAUT)
+        found += _findings("broken_force_sensor", _failed(run, saturated + slack), "care", LOOK_AT_SENSOR)
     still = _findings(STILL, _excitation(recordings), "care", "inertiactl excite ROBOT -o excite.csv")
     return found + unit + still
 
