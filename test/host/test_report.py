@@ -119,7 +119,7 @@ def test_stuck_force_sensor_is_named_and_the_fit_does_without_it(good: Path, tmp
     assert first == pytest.approx(0.5 * reader.read(good).duration, abs=0.5)
     assert not any(f.name in ("slack_cable", "forces_disagree", "saturated_sensor") for f in found.findings)
     assert facts.joint is not None
-    body = facts.joint.estimate.body
+    body = facts.joint.body
     assert abs(body.value[0] - 161.058) < 2.5 * body.std[0]
 
 
