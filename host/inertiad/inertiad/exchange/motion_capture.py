@@ -37,11 +37,17 @@ Row = list[str]
 
 
 def kind(path: Path) -> str | None:
-    """The system that a text file is from, by its first line: "Motive", "Vicon", "Qualisys"; None: none of them."""
+    """The system that a text file is from, by its first line: "Motive", "Vicon", "Qualisys"; None: none of them.
+
+    InputError: the file cannot be read.
+    """
     if path.is_dir() or path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return None
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
     is_wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     first = head.decode("utf-16" if is_wide else "utf-8-sig", "replace").lstrip().splitlines()[:1]
     line = first[0].strip() if first else ""
