@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /// From the publication of an ESTIMATE to parameters that a control thread can use:
 ///   hand_over LCM_URL SECONDS BUSY
-/// One thread publishes at 50 Hz, one receives and offers to the gate. With BUSY 0 a third reads the gate every 20 us. Printed is
-/// the time from publishing until it has the parameters; a loop of 1 kHz adds up to 1 ms of its own. With BUSY of 1 or more as
-/// many threads do nothing but compute, and the third reads at 1 kHz. Printed is how long each reading takes, and how late it
+/// One thread publishes at 50 Hz, one receives and offers to the gate. With BUSY 0, printed is the time from publishing until
+/// the gate gives the parameters to whoever reads it; a loop of 1 kHz adds up to 1 ms of its own. A second line leaves out what
+/// lay in a stall of the machine: on each CPU a thread of the highest priority does nothing but sleep, and its late
+/// wake-ups are the hypervisor's and the kernel's, not ours. It needs the right to SCHED_FIFO. With BUSY of 1 or more as
+/// many threads do nothing but compute, and another reads at 1 kHz. Printed is how long each reading takes, and how late it
 /// begins. Lines: "n p50 p99 p99.9 longest" in us.
 #include <inertiad/estimates.hpp>
 #include <inertiad/parameter_gate.hpp>
@@ -15,7 +17,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <pthread.h>
+#include <sched.h>
+#include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -23,7 +29,8 @@ namespace {
 using namespace std::chrono;
 constexpr milliseconds PERIOD{20};
 constexpr milliseconds CONTROL_PERIOD{1};
-constexpr microseconds POLL{20};
+constexpr microseconds WATCH_PERIOD{100};
+constexpr microseconds STALL{300};  ///< chosen three times the period: timers of an idle CPU wake within 60 us
 
 std::int64_t now_ns()
 {
@@ -82,6 +89,62 @@ void print(std::vector<std::int64_t> ns)
     std::printf("%zu %.2f %.2f %.2f %.2f\n", ns.size(), us(0.5), us(0.99), us(0.999), us(1.0));
 }
 
+/// When the CPUs of this machine did not run the most urgent thread they had.
+class StallWatch {
+public:
+    StallWatch() : stalls_(std::max(1U, std::thread::hardware_concurrency()))
+    {
+        for (std::size_t cpu = 0; cpu < stalls_.size(); ++cpu) {
+            threads_.emplace_back([this, cpu] { watch(cpu); });
+            cpu_set_t one;
+            CPU_ZERO(&one);
+            CPU_SET(cpu, &one);
+            sched_param most_urgent{};
+            most_urgent.sched_priority = sched_get_priority_max(SCHED_FIFO);
+            const pthread_t thread = threads_.back().native_handle();
+            is_urgent_ &= pthread_setaffinity_np(thread, sizeof one, &one) == 0 &&
+                          pthread_setschedparam(thread, SCHED_FIFO, &most_urgent) == 0;
+        }
+    }
+    ~StallWatch() { stop(); }
+    StallWatch(const StallWatch&) = delete;
+    StallWatch& operator=(const StallWatch&) = delete;
+
+    /// Ends the threads. Before it, has_stalled() has nothing to say.
+    void stop()
+    {
+        is_over_ = true;
+        for (std::thread& thread : threads_) { thread.join(); }
+        threads_.clear();
+    }
+    /// Whether late wake-ups are the machine's: without SCHED_FIFO they can be our own.
+    bool is_urgent() const { return is_urgent_; }
+    bool has_stalled(std::int64_t from_ns, std::int64_t to_ns) const
+    {
+        return std::any_of(stalls_.begin(), stalls_.end(), [&](const auto& of_cpu) {
+            return std::any_of(of_cpu.begin(), of_cpu.end(), [&](const auto& stall) {
+                return stall.first < to_ns && stall.second > from_ns;
+            });
+        });
+    }
+
+private:
+    void watch(std::size_t cpu)
+    {
+        for (std::int64_t before = now_ns(); !is_over_;) {
+            std::this_thread::sleep_for(WATCH_PERIOD);
+            const std::int64_t after = now_ns();
+            if (nanoseconds(after - before) > STALL) { stalls_[cpu].emplace_back(before, after); }
+            before = after;
+        }
+    }
+
+    std::vector<std::vector<std::pair<std::int64_t, std::int64_t>>> stalls_;  ///< of each CPU: from, to, ns
+    std::vector<std::thread> threads_;
+    std::atomic<bool> is_over_{false};
+    bool is_urgent_ = true;
+};
+
 /// Publishes n estimates to a gate that a thread of its own fills, and another reads.
 class Bench {
 public:
@@ -91,7 +154,10 @@ public:
     {
         inertiad::Estimates estimates(url_, "BENCH_");
         std::thread receiver([&] { receive(estimates); });
-        std::thread control([&] { n_busy > 0 ? read_at_rate() : read_often(); });
+        std::thread control([&] {
+            if (n_busy > 0) { read_at_rate(); }
+        });
+        StallWatch machine;
         std::vector<std::thread> busy;
         for (int i = 0; i < n_busy; ++i) {
             busy.emplace_back([&] { compute(); });
@@ -101,16 +167,20 @@ public:
         receiver.join();
         control.join();
         for (std::thread& thread : busy) { thread.join(); }
+        machine.stop();
         if (n_busy > 0) {
             print(took_);
             print(late_);
             return;
         }
-        std::vector<std::int64_t> until;
+        std::vector<std::int64_t> until, without_stalls;
         for (std::size_t k = 1; k < sent_.size(); ++k) {
-            if (used_[k] != 0) { until.push_back(used_[k] - sent_[k]); }
+            if (used_[k] == 0) { continue; }
+            until.push_back(used_[k] - sent_[k]);
+            if (!machine.has_stalled(sent_[k], used_[k])) { without_stalls.push_back(until.back()); }
         }
         print(until);
+        if (machine.is_urgent()) { print(without_stalls); }
     }
 
 private:
@@ -130,16 +200,8 @@ private:
             if (!estimates.handle(100) || estimates.count() == seen) { continue; }
             seen = estimates.count();
             (void)gate_.offer(estimates.newest(), now_ns());
-        }
-    }
-
-    void read_often()
-    {
-        for (std::int64_t last = -1; !is_over_;) {
-            const std::int64_t now = now_ns(), sequence = gate_.read(now).sequence;
-            if (sequence != last) { used_[static_cast<std::size_t>(sequence)] = now_ns(); }
-            last = sequence;
-            std::this_thread::sleep_for(POLL);
+            const std::int64_t sequence = gate_.read(now_ns()).sequence;
+            if (sequence > 0) { used_[static_cast<std::size_t>(sequence)] = now_ns(); }
         }
     }
 
