@@ -349,10 +349,13 @@ def test_command_ends_with_1_where_live_parameters_are_worse(late, code, run, tm
         "-o",
         str(tmp_path / "out"),
     ]
-    done = CliRunner().invoke(app, [*words_, "--arms", "nominal,live"])
+    done = CliRunner().invoke(app, [*words_, "--arms", "nominal,live", "--figures", str(tmp_path / "drawn")])
     assert done.exit_code == code, done.output
     assert ("live parameters are worse than nominal ones" in done.output) == (code == 1)
     assert "late rms" in (tmp_path / "out/control.html").read_text()
+    assert {path.name for path in (tmp_path / "drawn").iterdir()} == {
+        f"{key}.{ending}" for key in ("time-3", "phases") for ending in ("png", "pdf")
+    }
 
 
 @pytest.mark.parametrize("command", [["control", str(ROBOT)], ["demo"]])

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from inertiad.cli.options import Folder, RobotFile, command_line, progress_shown, say, say_written
+from inertiad.cli.options import Figures, Folder, RobotFile, command_line, progress_shown, say, say_written
 
 commands = typer.Typer()
 
@@ -45,6 +45,7 @@ def control(
     kill: Annotated[
         float | None, typer.Option(metavar="S", help="Kill the daemon then; it comes back 1 s later.")
     ] = None,
+    figures: Figures = None,
 ) -> None:
     """Control a simulated robot with the daemon's live parameters, beside nominal, exact and adapted ones.
 
@@ -83,7 +84,7 @@ def control(
         outcomes = experiment.run_all(wanted, progress)
         progress("write")
         experiment.write_json(output / "control.json", outcomes)
-        reporter.write(output / "control.html", wanted, outcomes, command_line())
+        reporter.write(output / "control.html", figures, wanted, outcomes, command_line())
     for line in (*remarks, *experiment.notes(outcomes)):
         say(line)
     for line in experiment.lines(outcomes):

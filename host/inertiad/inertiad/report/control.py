@@ -10,7 +10,7 @@ from inertiad.base.finding import Finding
 from inertiad.control import experiment
 from inertiad.control.closed_loop import SOURCES
 from inertiad.control.experiment import PHASES, Outcome, Request
-from inertiad.report import page, provenance
+from inertiad.report import page, printed, provenance
 from inertiad.report.figure import Color, Figure, Mark, Panel, Points, Table, line
 from inertiad.report.page import Fold, Page, Section, Tile
 from inertiad.report.verdict import Verdict
@@ -205,6 +205,9 @@ def page_of(request: Request, outcomes: list[Outcome], command: str) -> Page:
     )
 
 
-def write(path: Path, request: Request, outcomes: list[Outcome], command: str) -> None:
-    """control.html."""
-    path.write_text(page.render(page_of(request, outcomes, command)), encoding="utf-8")
+def write(path: Path, figures: Path | None, request: Request, outcomes: list[Outcome], command: str) -> None:
+    """control.html, and each drawing as PNG and PDF into a folder if one is given."""
+    made = page_of(request, outcomes, command)
+    path.write_text(page.render(made), encoding="utf-8")
+    if figures is not None:
+        printed.write_all(page.drawings_of(made), figures)
