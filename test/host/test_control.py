@@ -278,6 +278,14 @@ def test_median_over_seeds_is_written(run):
     assert experiment.document(outcomes)["live"]["3"]["late_rms_mm"] == pytest.approx(2.0)
 
 
+def test_traces_are_kept_for_the_first_seed_only(run):
+    wanted = experiment.Request(run, ("nominal", "oracle"), (3.0,), (4, 5), is_pose_measured=False)
+    outcomes = experiment.run_all(wanted, lambda text: None)
+    assert [(o.seed, o.trace is not None) for o in outcomes] == [(4, True), (4, True), (5, False), (5, False)]
+    drawn = reporter.page_of(wanted, outcomes, "").sections[0].blocks[-1]
+    assert drawn.caption.startswith("Seed 4") and [len(panel.marks) for panel in drawn.panels] == [2, 2, 2]
+
+
 def test_phases_are_told_apart(run):
     found = outcome(run, "live").phases
     assert [found[name].rms_mm for name in experiment.PHASES] == pytest.approx([1.0, 2.0, 3.0])

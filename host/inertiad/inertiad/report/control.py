@@ -27,22 +27,21 @@ LOST_MM = 200.0
 
 def _over_time(outcomes: list[Outcome], bandwidth: float) -> Figure:
     """Errors and mass of the first seed."""
-    seed = outcomes[0].seed
-    some = [o for o in outcomes if o.bandwidth == bandwidth and o.seed == seed]
+    some = [(o.arm, o.trace) for o in outcomes if o.bandwidth == bandwidth and o.trace is not None]
     error: list[Mark] = []
     turn: list[Mark] = []
     mass: list[Mark] = []
-    for o in some:
-        color = COLORS[o.arm]
-        error.append(line(o.trace.t, np.maximum(1e3 * o.trace.error, 1e-3), o.arm, color))
-        turn.append(line(o.trace.t, np.maximum(np.rad2deg(o.trace.turn), 1e-4), o.arm, color))
-        mass.append(line(o.trace.t, o.trace.theta[:, 0], o.arm, color))
+    for arm, trace in some:
+        color = COLORS[arm]
+        error.append(line(trace.t, np.maximum(1e3 * trace.error, 1e-3), arm, color))
+        turn.append(line(trace.t, np.maximum(np.rad2deg(trace.turn), 1e-4), arm, color))
+        mass.append(line(trace.t, trace.theta[:, 0], arm, color))
     panels = [
         Panel(error, "error of the place, mm", "s", log=True),
         Panel(turn, "error of the attitude, deg", "s", log=True),
         Panel(mass, "mass that the controller uses, kg", "s"),
     ]
-    caption = f"Seed {seed}, bandwidth {bandwidth:g} Hz."
+    caption = f"Seed {outcomes[0].seed}, bandwidth {bandwidth:g} Hz."
     key = f"time-{bandwidth:g}".replace(".", "_")
     return Figure(key, f"A motion at {bandwidth:g} Hz", caption, panels, 1, 240)
 
@@ -88,7 +87,7 @@ def _lost(outcomes: list[Outcome]) -> list[Finding]:
     cut = max(outcomes, key=lambda o: o.n_cut)
     if cut.n_cut > 0:
         says = (
-            f"{cut.n_cut} of {len(cut.trace.t)} commands are cut off at the limits of the tensions with {cut.arm} "
+            f"{cut.n_cut} of {cut.n_commands} commands are cut off at the limits of the tensions with {cut.arm} "
             f"parameters at {cut.bandwidth:g} Hz, seed {cut.seed}; the first at t = {cut.cut_at:.2f} s"
         )
         do = "a lighter payload, a slower motion, another place, or tension_max of the real cables"
