@@ -259,7 +259,7 @@ def run(tmp_path_factory):
 def outcome(
     run, arm, before=0.001, transient=0.002, late=0.003, seed=0, cut=(), end=10.0, bandwidth=3.0
 ) -> experiment.Outcome:
-    """A trial with these errors of the place, m, in its phases; commands are cut off at some times [s]."""
+    """A trial with these position errors, m, in its phases; commands are cut off at some times [s]."""
     t = np.arange(0.0, end, 0.01)
     last = max(p.time for p in run.payloads)
     error = np.where(t < 5.0, before, np.where(t < last + 3.0, transient, late))

@@ -98,7 +98,7 @@ def command(
 
     freeze: learn nothing more; resume: learn again; reset: start from the prior; tare: take the gyro's bias at rest;
     configure FILE: use this compiled configuration; mark TEXT: note it in the record. expect KG@S@x,y,z: a point mass
-    touches the platform S seconds from now, at this place in P. expect FILE@S: a body. A negative KG is set down:
+    touches the platform S seconds from now, at this position in P. expect FILE@S: a body. A negative KG is set down:
     -5@2@0,0,0.
 
     Exit code 0: done, 1: the daemon refused, 2: no answer.

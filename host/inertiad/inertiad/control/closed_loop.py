@@ -69,7 +69,7 @@ class Trace:
     t: Array
     """s [K]"""
     error: Array
-    """m [K], of P's place"""
+    """m [K], of P's position"""
     turn: Array
     """rad [K], of the attitude"""
     tension_norm: Array

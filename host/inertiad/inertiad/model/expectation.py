@@ -52,11 +52,11 @@ def _std(words: str) -> tuple[float, float, float]:
 def parse(words: str, now_ns: int, std: str | None = None) -> expectation_t:
     """ "70@2@0,0,0.3": 70 kg touch the platform 2 s from now, a point there in P; "box.toml@2": a body.
 
-    InputError: not of this form, a mass without its place, or later than the daemon takes it.
+    InputError: not of this form, a mass without its position, or later than the daemon takes it.
     """
     is_mass = not words.partition("@")[0].endswith((".toml", ".json"))
     if is_mass and words.count("@") != 2:
-        raise InputError(f'command expect: "{words}": allowed: KG@S@x,y,z or FILE@S, s from now; place in P, m')
+        raise InputError(f'command expect: "{words}": allowed: KG@S@x,y,z or FILE@S, s from now; position in P, m')
     unused = Nominal(mass=1.0, cog=[0.0] * 3, inertia_cog=[1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     found = payload.parse(words, unused, "command expect")
     if found.time > expectation_t.AHEAD_MAX:

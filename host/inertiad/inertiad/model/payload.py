@@ -49,9 +49,9 @@ def _seconds(text: str, item: str, option: str) -> float:
     return seconds
 
 
-def _point(mass: float, place: Sequence[float]) -> Array:
-    """theta [10] of a point mass [kg] at a place [3] in P, m."""
-    x = np.asarray(place)
+def _point(mass: float, position: Sequence[float]) -> Array:
+    """theta [10] of a point mass [kg] at a position [3] in P, m."""
+    x = np.asarray(position)
     J = np.dot(x, x) * np.eye(3) - np.outer(x, x)
     return mass * np.array([1.0, *x, J[0, 0], J[1, 1], J[2, 2], J[1, 2], J[0, 2], J[0, 1]])
 
@@ -72,19 +72,19 @@ def parse(item: str, body: Nominal, option: str = "--payload") -> Payload:
         if path.suffix not in (".toml", ".json"):
             raise InputError(f'{option} "{item}": allowed: a mass in kg, or a .toml or .json file') from None
         if len(rest) == 2:
-            said = f"place = {rest[1]}"
-            raise InputError(f'{option} "{item}": {said}: allowed: FILE@S, the cog in FILE is the place') from None
+            said = f"position = {rest[1]}"
+            raise InputError(f'{option} "{item}": {said}: allowed: FILE@S, the cog in FILE is the position') from None
         data = read_json(path) if path.suffix == ".json" else read_toml(path)
         return Payload(time, configuration.theta_of(validate(Nominal, data, what)))
     if not np.isfinite(mass) or mass == 0.0:
         raise InputError(f'{option} "{item}": mass = {what}: allowed: above 0 to take up, below 0 to set down, kg')
     try:
-        place = body.cog if len(rest) == 1 else [float(cell) for cell in rest[1].split(",")]
+        position = body.cog if len(rest) == 1 else [float(cell) for cell in rest[1].split(",")]
     except ValueError:
-        place = []
-    if len(place) != 3 or not np.isfinite(place).all():
-        raise InputError(f'{option} "{item}": place = {rest[-1]}: allowed: x,y,z in P, m')
-    return Payload(time, _point(mass, place))
+        position = []
+    if len(position) != 3 or not np.isfinite(position).all():
+        raise InputError(f'{option} "{item}": position = {rest[-1]}: allowed: x,y,z in P, m')
+    return Payload(time, _point(mass, position))
 
 
 def parse_all(items: Sequence[str], body: Nominal, duration: float) -> tuple[Payload, ...]:

@@ -22,7 +22,7 @@ WORSE_SHARE, WORSE_MM = 1.05, 0.2
 STEP_MAX = 0.02
 """of the tensions' range, by which a hand-over may move a tension at once"""
 LOST_MM = 200.0
-"""error of the place with which it is lost; chosen as three times what 70 kg on 91 kg do at 1.5 Hz on CoGiRo"""
+"""position error with which it is lost; chosen as three times what 70 kg on 91 kg do at 1.5 Hz on CoGiRo"""
 
 
 def _over_time(outcomes: list[Outcome], bandwidth: float) -> Figure:
@@ -37,8 +37,8 @@ def _over_time(outcomes: list[Outcome], bandwidth: float) -> Figure:
         turn.append(line(trace.t, np.maximum(np.rad2deg(trace.turn), 1e-4), arm, color))
         mass.append(line(trace.t, trace.theta[:, 0], arm, color))
     panels = [
-        Panel(error, "error of the place, mm", "s", log=True),
-        Panel(turn, "error of the attitude, deg", "s", log=True),
+        Panel(error, "position error, mm", "s", log=True),
+        Panel(turn, "attitude error, deg", "s", log=True),
         Panel(mass, "mass that the controller uses, kg", "s"),
     ]
     caption = f"Seed {outcomes[0].seed}, bandwidth {bandwidth:g} Hz."
@@ -90,13 +90,13 @@ def _lost(outcomes: list[Outcome]) -> list[Finding]:
             f"{cut.n_cut} of {cut.n_commands} commands are cut off at the limits of the tensions with {cut.arm} "
             f"parameters at {cut.bandwidth:g} Hz, seed {cut.seed}; the first at t = {cut.cut_at:.2f} s"
         )
-        do = "a lighter payload, a slower motion, another place, or tension_max of the real cables"
+        do = "a lighter payload, a slower motion, another position, or tension_max of the real cables"
         evidence = {"arms": sorted({o.arm for o in outcomes if o.n_cut}), "n_cut": cut.n_cut, "first_s": cut.cut_at}
         findings.append(Finding("cut_off", "stop", says, do, evidence))
     far = max(outcomes, key=lambda o: o.whole.max_mm)
     if far.whole.max_mm > LOST_MM:
         says = (
-            f"the platform is up to {1e-3 * far.whole.max_mm:.2f} m from its place with {far.arm} parameters at "
+            f"the platform is up to {1e-3 * far.whole.max_mm:.2f} m from its desired position with {far.arm} parameters at "
             f"{far.bandwidth:g} Hz, seed {far.seed}"
         )
         do = "a higher --bandwidth, a lighter payload or a slower motion"
