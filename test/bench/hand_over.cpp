@@ -122,9 +122,8 @@ public:
     bool has_stalled(std::int64_t from_ns, std::int64_t to_ns) const
     {
         return std::any_of(stalls_.begin(), stalls_.end(), [&](const auto& of_cpu) {
-            return std::any_of(of_cpu.begin(), of_cpu.end(), [&](const auto& stall) {
-                return stall.first < to_ns && stall.second > from_ns;
-            });
+            return std::any_of(of_cpu.begin(), of_cpu.end(),
+                               [&](const auto& stall) { return stall.first < to_ns && stall.second > from_ns; });
         });
     }
 
