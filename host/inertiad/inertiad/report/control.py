@@ -96,8 +96,8 @@ def _lost(outcomes: list[Outcome]) -> list[Finding]:
     far = max(outcomes, key=lambda o: o.whole.max_mm)
     if far.whole.max_mm > LOST_MM:
         says = (
-            f"the platform is up to {1e-3 * far.whole.max_mm:.2f} m from its desired position with {far.arm} parameters at "
-            f"{far.bandwidth:g} Hz, seed {far.seed}"
+            f"the platform is up to {1e-3 * far.whole.max_mm:.2f} m from its desired position with {far.arm} "
+            f"parameters at {far.bandwidth:g} Hz, seed {far.seed}"
         )
         do = "a higher --bandwidth, a lighter payload or a slower motion"
         evidence = {"arms": sorted({o.arm for o in outcomes if o.whole.max_mm > LOST_MM}), "max_mm": far.whole.max_mm}
